@@ -8,7 +8,7 @@ ENGINES ?=
 ifneq ($(ENGINES),$(filter all,$(ENGINES)))
 $(error ENGINES=$(ENGINES): expected all, or nothing)
 endif
-EXTRAS = test,docs$(ENGINES:all=,mujoco,drake,dart,fmi,dask,proof)
+EXTRAS = test,docs$(ENGINES:all=,mujoco,drake,dart,newton,fmi,dask,proof)
 # one stamp for each: the environment is cleared with what the other had
 SET_UP = .venv/set-up$(ENGINES:%=-%)
 

@@ -54,6 +54,10 @@ EVENTS_LOCATED_BY = "events_located_by"
 NEGLECTED = "neglected"
 """Setting of a trajectory: the keys of the scene that its fidelity neglects, such as ``joints.guide.clearance``;
 absent if there are none."""
+PRECISION = "precision"
+"""Setting of a trajectory: by column, how far the column depends on the rounding of the inputs, in its unit; absent if
+it was not measured. Engines in single precision measure it by a second run, whose inputs are moved by one unit in the
+last place."""
 REACTION_SOURCES = ("engine", "momentum balance")
 """Sources of the constraint reactions in a trajectory: the engine itself, or the balance of momentum."""
 UNSETTLED = "friction does not settle"

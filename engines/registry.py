@@ -97,6 +97,7 @@ ENGINES: tuple[EngineEntry, ...] = (
     ),
     EngineEntry("drake", f"{_HERE}.drake.engine:DrakeEngine", "drake", optional=True),
     EngineEntry("dart", f"{_HERE}.dart.engine:DartEngine", "dartpy", optional=True),
+    EngineEntry("newton", f"{_HERE}.newton.engine:NewtonEngine", "newton", optional=True),
     EngineEntry("siconos", f"{_HERE}.siconos.engine:SiconosEngine", run_by_system=True),
 )
 """The engines that come with the suite, in the order of tables. A new engine is registered by an entry here."""
@@ -244,7 +245,8 @@ def load_engine(name: str) -> Engine:
     addresses = {**others, **{entry.name: entry.address for entry in ENGINES}}
     address = addresses.get(name, name)
     module, _, attribute = address.partition(":")
-    if not module or not attribute:
+    # A relative name of a module has no meaning here.
+    if not module or not attribute or module.startswith("."):
         matches = difflib.get_close_matches(name, addresses, n=1)
         hint = f" (did you mean {matches[0]!r}?)" if matches else ""
         raise UnknownEngine(

@@ -107,6 +107,22 @@ class Tables:
     problems: tuple[Problem, ...] = ()
 
 
+@dataclass(frozen=True)
+class NightlyNumbers:
+    """Numbers of nightly runs that belong to the question of a study.
+
+    Attributes
+    ----------
+    metrics : tuple of str
+        Keys of the metrics in the history.
+    scenes : tuple of str
+        Names of the scenes on which they belong to the question; all scenes if empty.
+    """
+
+    metrics: tuple[str, ...]
+    scenes: tuple[str, ...] = ()
+
+
 @dataclass(frozen=True, eq=False)
 class Study:
     """The definition of a study.
@@ -158,6 +174,8 @@ class Study:
         `stiction validate` fails if there is one.
     text : str
         Template of its section, for a study without a file in ``reports/templates/studies``.
+    nightly : NightlyNumbers or None
+        Numbers of nightly runs that belong to its question; None if nights do not measure it.
     """
 
     name: str
@@ -179,6 +197,7 @@ class Study:
     stored: tuple[str, ...] = ()
     failures_of_reference: Callable[[Results], Iterator[str]] | None = None
     text: str = ""
+    nightly: NightlyNumbers | None = None
 
     def presented(self, results: Results) -> Presentation:
         """Return the presentation of the study, without charts that have no points."""

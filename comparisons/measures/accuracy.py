@@ -11,6 +11,7 @@ from typing import Any
 import numpy as np
 
 from stiction.comparisons.measures.distances import Graph, l1, match_events, value_at
+from stiction.engines.protocol import PRECISION
 from stiction.engines.status import Status
 from stiction.reference_impl.multibody.mechanism import Mechanism
 from stiction.scenes import Event, Scene, Trajectory
@@ -79,7 +80,10 @@ def errors(trajectory: Trajectory | None, truth: Truth, size: float = math.inf) 
     for label, names in (("position", positions), ("velocity", velocities)):
         if names:
             row[f"{label}_error"] = _largest_error(trajectory, exact, names)
-            row[f"{label}_uncertainty"] = max(truth.uncertainty.get(name, 0.0) for name in names)
+            row[f"{label}_uncertainty"] = max(
+                truth.uncertainty.get(name, 0.0) + rounding_effect(trajectory, name)
+                for name in names
+            )
 
     # Efforts: the largest mean over time of all drives.
     efforts = [name for name in exact if name.endswith(".effort") and is_known(trajectory, name)]
@@ -192,7 +196,16 @@ def effort_error(trajectory: Trajectory, truth: Truth, name: str) -> Uncertain |
                 uncertainty += part_area.uncertainty
     if duration == 0.0:
         return None
-    return Uncertain(area / duration, uncertainty / duration + truth.uncertainty.get(name, 0.0))
+    own = truth.uncertainty.get(name, 0.0) + rounding_effect(trajectory, name)
+    return Uncertain(area / duration, uncertainty / duration + own)
+
+
+def rounding_effect(trajectory: Trajectory, name: str) -> float:
+    """Return how far a column of a run depends on the rounding of its inputs, in the unit of the column.
+
+    It is the setting `PRECISION` of runs in single precision, and zero if it was not measured.
+    """
+    return float(trajectory.settings.get(PRECISION, {}).get(name, 0.0))
 
 
 def _areas(t: np.ndarray, values: np.ndarray) -> Iterator[Uncertain]:

@@ -46,7 +46,7 @@ def environment_changes(
         _engine_pairs(engines_before, engines_now),
         _pairs(before.get("versions", {}), now.get("versions", {})),
         _pairs(before.get("machine", {}), now.get("machine", {})),
-        [("commit", _short(before.get("commit")), _short(now.get("commit")))],
+        [("commit", short_commit(before.get("commit")), short_commit(now.get("commit")))],
     )
     changes: dict[str, str] = {}
     for name, old, new in pairs:
@@ -71,7 +71,7 @@ def _pairs(before: Mapping[str, Any], now: Mapping[str, Any]) -> Iterator[tuple[
         yield name, str(before.get(name, ABSENT)), str(now.get(name, ABSENT))
 
 
-def _short(commit: str | None) -> str:
+def short_commit(commit: str | None) -> str:
     """Return a commit with `COMMIT_DIGITS`, and with the suffix that tells that files differ from it."""
     if commit is None:
         return "unknown"

@@ -39,7 +39,7 @@ from stiction.comparisons.bench.presentation.cells import setting_of
 from stiction.comparisons.bench.quantities import quantity_of
 from stiction.comparisons.bench.results import Results
 from stiction.comparisons.bench.runner import Comparison, records_comparison, side_by_side
-from stiction.comparisons.bench.study import Scope, Study, Tables
+from stiction.comparisons.bench.study import NightlyNumbers, Scope, Study, Tables
 from stiction.comparisons.bench.variants import (
     EVENTS_BY,
     FRICTION_BY,
@@ -575,4 +575,14 @@ STUDY = Study(
         "accuracy": "Errors of every run against the truth",
     },
     failures_of_reference=failures_of_reference,
+    nightly=NightlyNumbers(
+        (
+            "position_error",
+            "velocity_error",
+            "event_time_error",
+            "events_matched",
+            "events_missed",
+            "events_spurious",
+        )
+    ),
 )

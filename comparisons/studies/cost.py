@@ -45,7 +45,8 @@ from stiction.comparisons.bench.presentation import (
 from stiction.comparisons.bench.quantities import quantity_of
 from stiction.comparisons.bench.results import Results
 from stiction.comparisons.bench.runner import Comparison, side_by_side
-from stiction.comparisons.bench.study import Scope, Study, Tables
+from stiction.comparisons.bench.study import NightlyNumbers, Scope, Study, Tables
+from stiction.comparisons.bench.timing.calibration import TIME
 from stiction.comparisons.bench.timing.timed_runs import OTHERS
 from stiction.comparisons.bench.timing.visits import WIDE
 from stiction.comparisons.bench.variants import EVENTS_BY, FRICTION_BY, OWN_CPU, Variant, scaled
@@ -588,4 +589,5 @@ STUDY = Study(
         "equal-error": "Time to reach an error",
         "times": "Samples of all times",
     },
+    nightly=NightlyNumbers((TIME,)),
 )

@@ -34,9 +34,9 @@ from stiction.comparisons.bench.presentation import (
 from stiction.comparisons.bench.presentation.rows import Cell
 from stiction.comparisons.bench.results import Results
 from stiction.comparisons.bench.runner import Comparison
-from stiction.comparisons.bench.study import Scope, Study, Tables
+from stiction.comparisons.bench.study import NightlyNumbers, Scope, Study, Tables
 from stiction.comparisons.bench.variants import Record
-from stiction.comparisons.measures.drift import ROUNDING, drift
+from stiction.comparisons.measures.drift import DECAY_ERROR, ROUNDING, drift
 from stiction.comparisons.measures.drift_growth import (
     BOUNDED,
     DECAYS,
@@ -342,4 +342,5 @@ STUDY = Study(
     tables={
         "drift": "Drift from the constraints of every run",
     },
+    nightly=NightlyNumbers(("position_drift", "velocity_drift", DECAY_ERROR)),
 )

@@ -19,7 +19,7 @@ from stiction.comparisons.bench.methods import rank
 from stiction.comparisons.bench.participants import variants
 from stiction.comparisons.bench.presentation.cells import AGAIN
 from stiction.comparisons.bench.runner import Comparison
-from stiction.comparisons.bench.study import Scope, Study, Tables, unless_refused
+from stiction.comparisons.bench.study import NightlyNumbers, Scope, Study, Tables, unless_refused
 from stiction.comparisons.bench.timing.visits import visit
 from stiction.comparisons.bench.variants import (
     COEFFICIENTS,
@@ -30,6 +30,7 @@ from stiction.comparisons.bench.variants import (
     run_command,
     truth_key,
 )
+from stiction.comparisons.measures.accuracy import rounding_effect
 from stiction.comparisons.measures.creep import (
     LANDING,
     LET_GO,
@@ -81,7 +82,7 @@ from stiction.comparisons.studies.hold_tables import (
 from stiction.comparisons.studies.settings import SETTING, SUBJECT
 from stiction.engines.isolation import Outcome, Task
 from stiction.engines.joint_effects import has_constant_bounds
-from stiction.engines.protocol import EngineFailure
+from stiction.engines.protocol import PRECISION, EngineFailure
 from stiction.engines.registry import load_engine
 from stiction.engines.status import UNMADE
 from stiction.scenes import InputError, Scene, Trajectory, load_scene, vary
@@ -270,14 +271,24 @@ def _joint_name(scene: Scene) -> str:
 
 
 def _rounding(scene: Scene, run: Trajectory) -> float:
-    """Return the rounding error of a displacement, m or rad: that of the largest coordinate in each step."""
+    """Return the rounding error of a displacement, m or rad.
+
+    It is that of the largest coordinate in each step. Of an engine in single precision it is the effect of rounding
+    that it has measured, and at least a unit in the last place of the largest coordinate.
+    """
     turns = _joint_name(scene) in scene.pins
     size = 1.0
+    measured = 0.0
     for body in scene.bodies:
         for coordinate in ("angle",) if turns else ("x", "y"):
-            size = max(size, float(np.max(np.abs(run[f"{body}.{coordinate}"]))))
+            name = f"{body}.{coordinate}"
+            size = max(size, float(np.max(np.abs(run[name]))))
+            measured = max(measured, rounding_effect(run, name))
     steps = max(1, run.cost.counters.get("steps", len(run.t)))
-    return float(np.finfo(float).eps * size * steps)
+    rounding = float(np.finfo(float).eps * size * steps)
+    if PRECISION in run.settings:
+        rounding = max(float(np.finfo(np.float32).eps * size), measured)
+    return rounding
 
 
 def true_slip(scene: Scene, test: str) -> tuple[Slip, float]:
@@ -689,4 +700,6 @@ STUDY = Study(
         "hold-published-joints": "Published creep of a joint, and ours",
         "hold-settings": "Creep by setting",
     },
+    # a body that is held does not move: the length of its path is its creep
+    nightly=NightlyNumbers(("path_length",), ("hold-moment", "hold-turning-bar")),
 )

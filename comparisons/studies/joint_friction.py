@@ -40,7 +40,7 @@ from stiction.comparisons.bench.variants import (
     has_static_coefficient,
     run_command,
 )
-from stiction.comparisons.measures.accuracy import TORQUE_ERROR, errors
+from stiction.comparisons.measures.accuracy import TORQUE_ERROR, errors, rounding_effect
 from stiction.comparisons.measures.scene_truth import ground_truth
 from stiction.comparisons.studies.settings import Subject
 from stiction.engines.isolation import Outcome, Task
@@ -175,7 +175,9 @@ def measure_error(
             raise EngineFailure(f"no coordinate to compare: {truth.note}")
         row = {
             ERROR: max(float(np.max(np.abs(run[name] - exact[name]))) for name in names),
-            UNCERTAINTY: max(truth.uncertainty.get(name, 0.0) for name in names),
+            UNCERTAINTY: max(
+                truth.uncertainty.get(name, 0.0) + rounding_effect(run, name) for name in names
+            ),
         }
     row["truth_tier"] = truth.tier
     ends = replace(

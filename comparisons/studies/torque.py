@@ -38,13 +38,14 @@ from stiction.comparisons.bench.presentation import (
 from stiction.comparisons.bench.presentation.cells import setting_of
 from stiction.comparisons.bench.results import Results
 from stiction.comparisons.bench.runner import Comparison
-from stiction.comparisons.bench.study import Scope, Study, Tables, unless_refused
+from stiction.comparisons.bench.study import NightlyNumbers, Scope, Study, Tables, unless_refused
 from stiction.comparisons.bench.variants import (
     COEFFICIENTS,
     Record,
     coefficients_of,
     time_factor,
 )
+from stiction.comparisons.measures.accuracy import TORQUE_ERROR
 from stiction.comparisons.measures.scene_truth import truths_for
 from stiction.comparisons.measures.torque_jumps import (
     BOUND,
@@ -577,4 +578,5 @@ STUDY = Study(
         "torque": "Jumps of the driving torque",
         "event-windows": "Driving efforts around chosen events",
     },
+    nightly=NightlyNumbers((TORQUE_ERROR,)),
 )

@@ -260,6 +260,7 @@ class _PymunkStepper(Stepper):
         self.data = SpaceStep(
             cap=self.bound.data,
             h=self.h,
+            ahead=self.h,  # the library moves the bodies first, and then balances forces
             loaded=int(self._loaded),
             pushed=pushed[: 3 * count],
             q=q,

@@ -174,15 +174,18 @@ class Tree(Bundle):
 
 
 class SpaceStep(Bundle):
-    """A step of h seconds in the bodies' coordinates, whose forces are those at its end.
+    """A step of h seconds in the bodies' coordinates.
 
-    `loaded` is 1 if anything but weight acts on the bodies: `pushed`, (3 * bodies,), for the engine. `present` and
-    `before` (bodies, 6): positions, angles, and their rates, as the engine has left them, and at the step's beginning.
-    q, v, a (3 * bodies,): after the last pass, and the acceleration of its step.
+    Its forces are those at the positions `ahead` seconds after its start, with the velocities at the start: h if the
+    engine moves the bodies first, zero if it balances forces first. `loaded` is 1 if anything but weight acts on the
+    bodies: `pushed`, (3 * bodies,), for the engine. `present` and `before` (bodies, 6): positions, angles, and their
+    rates, as the engine has left them, and at the step's beginning. q, v, a (3 * bodies,): after the last pass, and the
+    acceleration of its step.
     """
 
     cap: Cap
     h: float
+    ahead: float
     loaded: int
     pushed: Reals
     present: Table
@@ -518,20 +521,19 @@ def _read_space(step):
 
 @kernel
 def begin_space(step: SpaceStep, t: float) -> None:
-    """Begin a step, which ends at t, in the present state."""
+    """Begin a step whose forces are those at t, in the present state."""
     cap = step.cap
     _read_space(step)
     for body in range(len(step.present)):
         for k in range(6):
             step.before[body, k] = step.present[body, k]
-    # The engine moves the bodies first, and then balances forces: these are due at q + h v.
-    _begin(cap, step.loaded, t, step.q, step.v, step.h)
+    _begin(cap, step.loaded, t, step.q, step.v, step.ahead)
     copy(cap.balance.loads, step.pushed)
 
 
 @kernel
 def finish_space(step: SpaceStep, t: float) -> bool:
-    """Evaluate a pass. Return True if the step is to be repeated; otherwise begin the next one, which ends at t."""
+    """Evaluate a pass. Return True if the step is to be repeated; otherwise begin the next one, with forces at t."""
     balance, guides = step.cap.balance, step.cap.guides
     _read_space(step)
     for i in range(len(guides)):

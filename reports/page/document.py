@@ -49,13 +49,48 @@ class View:
     columns: web.Columns
 
 
-def document(title: str, subtitle: str, sections: Iterable[tuple[str, Sequence[str]]]) -> str:
-    """Return the HTML of a page.
+@dataclass(frozen=True)
+class Link:
+    """A link in a cell or heading of a table.
+
+    Attributes
+    ----------
+    text, target : str
+        Text and address of the link.
+    title : str
+        What a browser shows beside the pointer; empty for nothing.
+    """
+
+    text: str
+    target: str
+    title: str = ""
+
+
+Cell = str | Link
+"""Content of a cell of a table."""
+
+
+@dataclass(frozen=True)
+class Sections:
+    """The HTML of the sections of a page.
+
+    Attributes
+    ----------
+    links : str
+        A link to each section.
+    content : str
+        The sections.
+    """
+
+    links: str
+    content: str
+
+
+def sections_html(sections: Iterable[tuple[str, Sequence[str]]]) -> Sections:
+    """Return the HTML of sections.
 
     Parameters
     ----------
-    title, subtitle : str
-        Heading of the page, and the line below it.
     sections : iterable of (str, sequence of str)
         The heading of each section, and its blocks of HTML. Sections may have equal headings.
     """
@@ -63,7 +98,7 @@ def document(title: str, subtitle: str, sections: Iterable[tuple[str, Sequence[s
     parts = []
     times_used = Counter[str]()
     for heading, blocks in sections:
-        anchor = re.sub(r"\W+", "-", heading.lower()).strip("-")
+        anchor = anchor_of(heading.lower())
         # Identifiers are unique in a page: the second section with the same one gets the suffix -2.
         times_used[anchor] += 1
         if times_used[anchor] > 1:
@@ -74,13 +109,43 @@ def document(title: str, subtitle: str, sections: Iterable[tuple[str, Sequence[s
         parts.append(
             f'<section aria-labelledby="{anchor}"><h2 id="{anchor}">{label}</h2>\n{content}</section>'
         )
+    return Sections("".join(links), "\n".join(parts))
+
+
+def anchor_of(text: str) -> str:
+    """Return a text as a part of an identifier in a page: words joined by hyphens."""
+    return re.sub(r"\W+", "-", text).strip("-")
+
+
+def unique_anchor(text: str) -> str:
+    """Return a text as an identifier or name of a file, different for different texts.
+
+    Characters other than letters, digits, ``_``, ``-`` and ``.`` become ``~`` with their code in hexadecimal
+    digits, and a second ``~``.
+    """
+    return re.sub(r"[^\w.-]", lambda match: f"~{ord(match[0]):x}~", text)
+
+
+def document(title: str, subtitle: str, sections: Iterable[tuple[str, Sequence[str]]]) -> str:
+    """Return the HTML of a page.
+
+    Parameters
+    ----------
+    title, subtitle : str
+        Heading of the page, and the line below it.
+    sections : iterable of (str, sequence of str)
+        As for `sections_html`.
+    """
+    html = sections_html(sections)
     body = (
         f'<header><h1>{escape(title)}</h1>\n<p class="quiet">{escape(subtitle)}</p>\n'
-        f'<nav aria-label="Sections">{"".join(links)}</nav></header>\n<main>\n'
-        + "\n".join(parts)
-        + "\n</main>"
+        f'<nav aria-label="Sections">{html.links}</nav></header>\n<main>\n{html.content}\n</main>'
     )
-    styles = [web.asset("player.css"), _asset("page.css")]
+    return with_scripts(title, body)
+
+
+def with_scripts(title: str, body: str, *styles: str) -> str:
+    """Return the HTML document with a body, the scripts of charts, and style sheets in addition to that of pages."""
     # The order matters: each script uses the classes of those before it.
     scripts = [
         web.asset("data.js"),
@@ -88,7 +153,9 @@ def document(title: str, subtitle: str, sections: Iterable[tuple[str, Sequence[s
         _asset("chart.js"),
         _asset("page.js"),
     ]
-    return web.document(title, body, styles, scripts)
+    return web.document(
+        title, body, [web.asset("player.css"), _asset("page.css"), *styles], scripts
+    )
 
 
 def _asset(name: str) -> str:
@@ -102,7 +169,7 @@ def chart(name: str, selects: Sequence[str], views: Sequence[View], hint: str) -
     Parameters
     ----------
     name : str
-        Identifier of the chart in the page.
+        Name of the chart, unique in the page.
     selects : sequence of str
         Label of the select box for each entry of `View.labels`. If views have several modes or a film,
         select boxes for the mode and for the run in the film are added.
@@ -136,7 +203,7 @@ def chart(name: str, selects: Sequence[str], views: Sequence[View], hint: str) -
         for view in views
     ]
     return (
-        f'<div class="board" id="{name}" tabindex="0" role="group" '
+        f'<div class="board" id="chart-{name}" tabindex="0" role="group" '
         f'aria-label="{escape(name.replace("-", " "))}, interactive">'
         f'<div class="controls">{"".join(controls)}</div>\n<p class="quiet">{escape(hint)}</p>\n'
         '<details open><summary>Lines</summary><div class="legend"></div></details>\n'
@@ -162,18 +229,18 @@ def link(text: str, target: str) -> str:
     return f'<p><a href="{escape(target)}">{escape(text)}</a></p>'
 
 
-def details(summary: str, content: str) -> str:
-    """Return a block that shows its summary, and its content when it is opened."""
-    return f"<details><summary>{escape(summary)}</summary>\n{content}</details>"
+def details(summary: str, content: str, is_open: bool = False) -> str:
+    """Return a block that shows its summary, and its content when it is opened; at first if `is_open`."""
+    tag = "<details open>" if is_open else "<details>"
+    return f"{tag}<summary>{escape(summary)}</summary>\n{content}</details>"
 
 
 def table(
     caption: str,
-    heads: Iterable[str],
-    rows: Iterable[Iterable[str]],
+    heads: Iterable[Cell],
+    rows: Iterable[Sequence[Cell]],
     right: Sequence[bool],
-    links: Sequence[str] = (),
-    linked_column: int = -1,
+    row_ids: Sequence[str] = (),
 ) -> str:
     """Return the HTML of a table.
 
@@ -181,32 +248,35 @@ def table(
     ----------
     caption : str
         Text above the table.
-    heads, rows : iterables of str
-        The heading of each column, and the cells of each row.
+    heads : iterable of str or Link
+        The heading of each column.
+    rows : iterable of sequence of str or Link
+        The cells of each row. A row with a single cell in a table of several columns is the heading of the
+        rows below it.
     right : sequence of bool
         Whether each column is aligned to the right, as numbers are.
-    links : sequence of str
-        Target of a link in each row; empty for a row without one.
-    linked_column : int
-        Column whose cells are the links.
+    row_ids : sequence of str
+        Identifier of each row in the page, to which links lead; empty for a row without one.
     """
     head = "".join(
-        f'<th{_cell_class(text, is_right)} scope="col">{escape(text)}</th>'
-        for text, is_right in zip(heads, right)
+        f'<th{_cell_class(_text_of(cell), is_right)} scope="col">{_cell_html(cell)}</th>'
+        for cell, is_right in zip(heads, right)
     )
     lines = []
     for number, row in enumerate(rows):
-        texts = list(row)
-        contents = [escape(text) for text in texts]
-        if links and links[number]:
-            contents[linked_column] = (
-                f'<a href="{escape(links[number])}">{contents[linked_column]}</a>'
+        identifier = f' id="{escape(row_ids[number])}"' if row_ids and row_ids[number] else ""
+        if len(row) == 1 < len(right):
+            content = _cell_html(row[0])
+            lines.append(
+                f'<tr{identifier} class="group"><th scope="rowgroup" colspan="{len(right)}">'
+                f"{content}</th></tr>"
             )
+            continue
         cells = [
-            f"<td{_cell_class(text, is_right)}>{content}</td>"
-            for text, content, is_right in zip(texts, contents, right)
+            f"<td{_cell_class(_text_of(cell), is_right)}>{_cell_html(cell)}</td>"
+            for cell, is_right in zip(row, right)
         ]
-        lines.append(f"<tr>{''.join(cells)}</tr>")
+        lines.append(f"<tr{identifier}>{''.join(cells)}</tr>")
     label = escape(caption)
     return (
         f'<div class="table" tabindex="0" role="region" aria-label="{label}"><table>'
@@ -214,6 +284,19 @@ def table(
         + "\n".join(lines)
         + "\n</tbody></table></div>"
     )
+
+
+def _text_of(cell: Cell) -> str:
+    """Return the text of a cell."""
+    return cell.text if isinstance(cell, Link) else cell
+
+
+def _cell_html(cell: Cell) -> str:
+    """Return the HTML of the content of a cell."""
+    if isinstance(cell, str):
+        return escape(cell)
+    title = f' title="{escape(cell.title)}"' if cell.title else ""
+    return f'<a href="{escape(cell.target)}"{title}>{escape(cell.text)}</a>'
 
 
 def _cell_class(text: str, is_right: bool) -> str:

@@ -83,7 +83,14 @@ const showAll = (kind, show) => [...document.querySelectorAll(kind)].map(element
 Promise.all([...showAll(".board", board => new Board(board).show()), ...showAll("img[data-svg]", showPicture)])
   .then(() => { document.body.dataset.ready = "yes"; });
 
-addEventListener("hashchange", () => {  // a link may lead into a section that is closed
-  const target = document.getElementById(decodeURIComponent(location.hash.slice(1))), section = target?.closest("details");
-  if (section && !section.open) { section.open = true; target.scrollIntoView(); }
-});
+function reveal() {  // a link may lead into sections that are closed
+  const target = document.getElementById(decodeURIComponent(location.hash.slice(1)));
+  let opened = false;
+  for (let part = target?.closest("details"); part; part = part.parentElement.closest("details")) {
+    opened ||= !part.open;
+    part.open = true;
+  }
+  if (opened) target.scrollIntoView();
+}
+addEventListener("hashchange", reveal);
+reveal();

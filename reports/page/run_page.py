@@ -2,13 +2,21 @@
 
 from __future__ import annotations
 
-import re
-from collections.abc import Iterator
+from collections.abc import Iterable, Iterator
 from html import escape
 from pathlib import Path
 
 from stiction.comparisons.bench.presentation import TableView
-from stiction.reports.page.document import chart, details, document, markdown, table
+from stiction.reports.page.document import (
+    Cell,
+    Link,
+    anchor_of,
+    chart,
+    details,
+    document,
+    markdown,
+    table,
+)
 from stiction.reports.page.time_series import time_series
 from stiction.reports.page_one import INTERRUPTED, answers, headline_table, page_one, title_of
 from stiction.reports.report import Report, report_of
@@ -37,11 +45,16 @@ def write_run_page(run: StoredRun, file: Path) -> None:
         If the run folder lacks the picture of a figure.
     """
     report = report_of(run.validation())
-    subtitle = f"stiction {run.origin['versions']['stiction']}, run of {run.origin['date']}"
-    write_text(file, document(title_of(report.results), subtitle, _sections(run, report)))
+    sections = run_sections(run, report)
+    write_text(file, document(title_of(report.results), run_line(run), sections))
 
 
-def _sections(run: StoredRun, report: Report) -> Iterator[tuple[str, list[str]]]:
+def run_line(run: StoredRun) -> str:
+    """Return the version of stiction and the date of a run as text."""
+    return f"stiction {run.origin['versions']['stiction']}, run of {run.origin['date']}"
+
+
+def run_sections(run: StoredRun, report: Report) -> Iterator[tuple[str, list[str]]]:
     """Yield the heading of each section of the page, and its blocks of HTML."""
     yield "Answer", list(answer_blocks(report))
     views = list(time_series(report.results))
@@ -49,11 +62,11 @@ def _sections(run: StoredRun, report: Report) -> Iterator[tuple[str, list[str]]]
         yield "Time series", [chart("time-series", ("Scene",), views, TIME_SERIES_HELP)]
     # The sections of the studies are closed at first.
     for study, section in report.sections.items():
-        content = "\n".join(_section_blocks(run, section))
+        content = "\n".join(section_blocks(run, section))
         yield study.question, [details(section.answer or study.question, content)]
-    origins = details("Every key of the tables", "".join(_origin_paragraphs(run, report)))
+    origins = details("Every key of the tables", "".join(origin_paragraphs(run, report.tables)))
     yield "Where numbers come from", [origins]
-    rows = list(_provenance_rows(run))
+    rows = list(provenance_rows(run))
     yield "Provenance", [table("Provenance of the run.", ("what", "value"), rows, (False, False))]
 
 
@@ -73,18 +86,18 @@ def answer_blocks(report: Report) -> Iterator[str]:
     yield markdown("\n".join(f"- {line}" for line in page.not_applicable))
 
 
-def _section_blocks(run: StoredRun, section: Section) -> Iterator[str]:
+def section_blocks(run: StoredRun, section: Section) -> Iterator[str]:
     """Yield the HTML of the findings, notes, figures and tables of a section."""
     for finding in section.findings:
         yield markdown(finding)
     yield markdown("\n".join(f"- {note}" for note in section.notes))
     for figure in section.figures:
-        yield _figure(run, figure.name, figure.caption)
+        yield figure_html(run, figure.name, figure.caption)
     for view in section.tables:
-        yield _table(view)
+        yield table_html(view)
 
 
-def _figure(run: StoredRun, name: str, caption: str) -> str:
+def figure_html(run: StoredRun, name: str, caption: str) -> str:
     """Return the HTML of a figure: its SVG, compressed, which ``page.js`` shows, and its caption."""
     path = run.folder / "figures" / f"{name}.svg"
     if not path.is_file():
@@ -99,24 +112,46 @@ def _figure(run: StoredRun, name: str, caption: str) -> str:
     )
 
 
-def _table(view: TableView) -> str:
-    """Return the HTML of a table with all rows and columns; the last cell of a row links to its origin."""
-    cells = [[*row, key] for row, key in zip(view.cells(), keys(view), strict=True)]
-    links = [f"#{_anchor(key)}" for key in keys(view)]
-    return table(view.caption, [*view.heads(), "key"], cells, [*view.right(), False], links)
+def table_html(view: TableView) -> str:
+    """Return the HTML of a table with all rows and columns; the last cell of a row links to its origin.
+
+    The rows of each group are below a heading.
+    """
+    columns = view.shown()
+    # The column of the group, if the table has one, is the first.
+    is_grouped = bool(columns) and columns[0].name == view.group
+    first_column = 1 if is_grouped else 0
+    rows: list[list[Cell]] = []
+    row_ids = []
+    last_group = ""
+    for cells, key in zip(view.cells(), keys(view), strict=True):
+        if is_grouped and cells[0] != last_group:
+            last_group = cells[0]
+            rows.append([last_group])
+            row_ids.append("")
+        rows.append([*cells[first_column:], Link(key, f"#{key_anchor(key)}")])
+        row_ids.append(row_anchor(key))
+    heads = [*view.heads()[first_column:], "key"]
+    right = [*view.right()[first_column:], False]
+    return table(view.caption, heads, rows, right, row_ids)
 
 
-def _anchor(key: str) -> str:
+def row_anchor(key: str) -> str:
+    """Return the identifier of the row of a table with a key."""
+    return f"row-{anchor_of(key)}"
+
+
+def key_anchor(key: str) -> str:
     """Return the identifier of the paragraph about the origin of a key."""
-    return f"key-{re.sub(r'[^A-Za-z0-9]+', '-', key)}"
+    return f"key-{anchor_of(key)}"
 
 
-def _origin_paragraphs(run: StoredRun, report: Report) -> Iterator[str]:
+def origin_paragraphs(run: StoredRun, tables: Iterable[TableView]) -> Iterator[str]:
     """Yield a paragraph for each key of the tables: the rows of the data, and the files or runs."""
-    sources = {key: source for view in report.tables for key, source in sources_of(run, view)}
+    sources = {key: source for view in tables for key, source in sources_of(run, view)}
     for key, source in sources.items():
         origin = escape("; ".join(_origins(source)))
-        yield f'<p id="{_anchor(key)}"><strong>{escape(key)}</strong>: {origin}</p>\n'
+        yield f'<p id="{key_anchor(key)}"><strong>{escape(key)}</strong>: {origin}</p>\n'
 
 
 def _origins(source: Source) -> list[str]:
@@ -126,7 +161,7 @@ def _origins(source: Source) -> list[str]:
     return [source.place, *dict.fromkeys(source.rows["key"].dropna())]
 
 
-def _provenance_rows(run: StoredRun) -> Iterator[tuple[str, str]]:
+def provenance_rows(run: StoredRun) -> Iterator[tuple[str, str]]:
     """Yield the entries of the provenance as (name, value)."""
     yield "date", run.origin["date"]
     for part in ("versions", "engines", "machine", "campaign", "choices"):

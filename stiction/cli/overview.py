@@ -80,6 +80,10 @@ OVERVIEW = {
         "page": About(
             "Write the results of `validate`, or a history of nights, as a web page.", "page run"
         ),
+        "site": About(
+            "Write a web site of a history of nights, with a page for each question and engine.",
+            "site nightly/history.sqlite --run run --out public",
+        ),
         "trace": About(
             "Show the data from which a row of a table was computed.", "trace run accuracy:2"
         ),

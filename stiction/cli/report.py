@@ -1,4 +1,4 @@
-"""Commands that publish a finished run or a history: ``paper``, ``page``, ``trace``."""
+"""Commands that publish a finished run or a history: ``paper``, ``page``, ``site``, ``trace``."""
 
 from __future__ import annotations
 
@@ -90,6 +90,79 @@ def page(
     else:
         with errors_of_option("HISTORY"):
             write_history_page(source, file)
+    print(file)
+
+
+@commands.command()
+def site(
+    history: Annotated[
+        Path,
+        typer.Argument(metavar="HISTORY", help="History written by `stiction nightly`."),
+    ],
+    out: Annotated[
+        Path,
+        typer.Option(
+            metavar="DIR",
+            help="Folder to write, which must be new, empty, or written by an earlier call.",
+        ),
+    ],
+    run: Annotated[
+        list[Path],
+        typer.Option(
+            metavar="RUN",
+            help="Folder written by `stiction validate`, for the front page and the pages of "
+            "questions. Repeatable; the newest run is shown, the others are compared with it.",
+        ),
+    ] = [],
+    submissions: Annotated[
+        Path | None,
+        typer.Option(
+            metavar="DIR",
+            help="Folder with a subfolder for each submission to the friction benchmark, which are judged.",
+        ),
+    ] = None,
+    dataset: Annotated[
+        Path | None,
+        typer.Option(
+            metavar="DIR", help="Folder written by `stiction dataset`, offered for download."
+        ),
+    ] = None,
+    docs: Annotated[
+        Path | None,
+        typer.Option(metavar="DIR", help="Documentation as HTML, written by `mkdocs build`."),
+    ] = None,
+) -> None:
+    """Write a web site of results, which needs no network and no server.
+
+    It has a front page, a page for each question, each engine and each submission, and one for all nights.
+    """
+    from stiction.reports import check_folder
+    from stiction.reports.run_folder.stored_run import read_run
+    from stiction.reports.site import write_site
+    from stiction.reports.site.layout import INDEX
+    from stiction.reports.site.site import check_dataset, check_docs
+    from stiction.reports.site.submissions import judged_submission, submission_folders
+
+    if not history.is_file():
+        raise typer.BadParameter(
+            f"found {str(history)!r}, which is no file; expected a history of `stiction nightly`, such as "
+            "nightly/history.sqlite",
+            param_hint="HISTORY",
+        )
+    with errors_of_option("--out"):
+        check_folder(out, INDEX)
+    with errors_of_option("--dataset"):
+        check_dataset(dataset)
+    with errors_of_option("--docs"):
+        check_docs(docs)
+    with errors_of_option("--run"):
+        runs = [read_run(folder) for folder in run]
+    judged = []
+    if submissions is not None:
+        with errors_of_option("--submissions"):
+            judged = [judged_submission(folder) for folder in submission_folders(submissions)]
+    with errors_of_option("HISTORY"):
+        file = write_site(history, out, runs, judged, dataset=dataset, docs=docs)
     print(file)
 
 

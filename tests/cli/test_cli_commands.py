@@ -468,6 +468,8 @@ class TestLists:
             ("drake", "joint"),
             ("dart", "joint"),
             ("dart", "contact"),
+            ("newton", "joint"),
+            ("newton", "contact"),
         ],
     )
     def test_defaults_that_are_told_are_those_of_a_run(self, engine, fidelity, compiled):

@@ -485,7 +485,7 @@ def test_jobs_run_engines_in_isolation():
 
 
 def test_engines_by_name_and_address():
-    assert engine_names()[:8] == [
+    assert engine_names()[:9] == [
         "reference",
         "moreau",
         "exudyn",
@@ -494,6 +494,7 @@ def test_engines_by_name_and_address():
         "mujoco",
         "drake",
         "dart",
+        "newton",
     ]
     assert load_engine(f"{__name__}:Toy").name == "toy"
 
@@ -505,7 +506,7 @@ def test_engines_by_name_and_address():
         (
             "",
             UnknownEngine,
-            "expected reference, moreau, exudyn, pymunk, pybullet, mujoco, drake, dart",
+            "expected reference, moreau, exudyn, pymunk, pybullet, mujoco, drake, dart, newton",
         ),
         (":", UnknownEngine, "expected reference"),
         (
@@ -630,6 +631,12 @@ def test_a_mistake_in_an_adapter_of_others_is_shown_as_it_is():
             "dartpy",
             "raise OSError('bad ELF')",
             r"dart: its package is broken: OSError: bad ELF; .* 'dartpy>=6\.20'",
+        ),
+        (
+            "newton",
+            "newton",
+            "raise OSError('bad ELF')",
+            r"newton: its package is broken: OSError: bad ELF; .* 'newton",
         ),
     ],
 )

@@ -26,7 +26,7 @@ from stiction.reports.markdown.regression_report import (
     write_night,
 )
 from stiction.reports.page import write_history_page
-from stiction.reports.page.history_page import _short_names
+from stiction.reports.page.night_charts import short_names
 
 NIGHTS = ("2026-03-01T02:17:00.000Z", "2026-03-01T14:17:00.000Z", "2026-03-02T02:17:00.000Z")
 ERROR, DRIFT = "position_error", "position drift [m]"
@@ -279,7 +279,15 @@ class TestPage:
         with history.open_history(tmp_path / "history.sqlite") as opened:
             opened.append(opened.begin("c", "digest", origin("0.61.0", "a" * 40)), ROWS[0])
         write_history_page(tmp_path / "history.sqlite", tmp_path / "page.html")
-        assert "1 night, 1 run each at most" in (tmp_path / "page.html").read_text()
+        page = (tmp_path / "page.html").read_text()
+        assert "1 night, 1 run each at most" in page and "not finished" in page
+
+    def test_a_night_that_is_not_finished_says_so_after_others_that_are(self, folder, monkeypatch):
+        monkeypatch.setattr(history, "_now", lambda: "2026-03-09T02:17:00.000Z")
+        with history.open_history(folder / "history.sqlite") as opened:
+            opened.append(opened.begin("c", "other digest", origin("0.62.1", "a" * 40)), ROWS[0])
+        write_history_page(folder / "history.sqlite", folder / "page.html")
+        assert "<strong>not finished</strong>" in (folder / "page.html").read_text()
 
 
 def test_names_of_nights_at_an_axis_tell_them_apart():
@@ -289,5 +297,5 @@ def test_names_of_nights_at_an_axis_tell_them_apart():
         "2026-03-02T02:17:30.500Z",
         "2026-03-02T03:00:00.000Z",
     ]
-    names = _short_names(nights)
+    names = short_names(nights)
     assert names == ["2026-03-01", "03-02 02:17:00.000", "03-02 02:17:30.500", "03-02 03:00"]

@@ -1,10 +1,14 @@
 """Text of the web page of a run, without a browser."""
 
+import re
 from dataclasses import replace
 
+import pandas as pd
+
+from stiction.comparisons.bench.presentation import Column, view
 from stiction.reports import report_of
 from stiction.reports.page.document import document
-from stiction.reports.page.run_page import answer_blocks
+from stiction.reports.page.run_page import answer_blocks, table_html
 from stiction.reports.page.time_series import time_series
 from stiction.reports.page_one import INTERRUPTED, headline_table, page_one
 
@@ -53,3 +57,14 @@ def test_time_series_of_a_run_without_a_truth_and_without_the_default_method(val
     assert records
     views = list(time_series(replace(validation, records=records, truths={})))
     assert views
+
+
+def test_each_group_of_rows_is_below_its_name():
+    frame = pd.DataFrame({"kind": ["joint", "joint", "contact"], "variant": ["a", "b", "c"]})
+    columns = (Column("variant"),)
+    html = table_html(view("study", frame, columns, group="kind"))
+    first_cells = re.findall(r"<tr[^>]*><t[dh][^>]*>([^<]*)</t", html)
+    assert first_cells[1:] == ["joint", "a", "b", "contact", "c"]
+    assert html.count('scope="rowgroup" colspan="2"') == 2
+    plain = table_html(view("study", frame, columns))
+    assert "rowgroup" not in plain and plain.count("<tr") == 4

@@ -23,7 +23,7 @@ from stiction.engines import Capabilities, Engine, engine_names, load_engine
 from stiction.engines.pymunk.engine import PymunkEngine
 from stiction.scenes import load_scene
 
-OWN = {"reference", "moreau", "exudyn", "pymunk", "pybullet", "mujoco", "drake", "dart"}
+OWN = {"reference", "moreau", "exudyn", "pymunk", "pybullet", "mujoco", "drake", "dart", "newton"}
 
 
 class Plugged(PymunkEngine):

@@ -468,7 +468,7 @@ def test_campaign_of_the_suite_and_its_baseline_belong_together():
     extras = {
         run.key
         for run in campaign.runs
-        if run.variant is not None and run.variant.engine in ("mujoco", "drake", "dart")
+        if run.variant is not None and run.variant.engine in ("mujoco", "drake", "dart", "newton")
     }
     assert planned.keys() - expected.keys() <= extras and expected.items() <= planned.items()
 

@@ -1,0 +1,1 @@
+"""Adapter of Newton, whose solvers run in single precision on Warp."""

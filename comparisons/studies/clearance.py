@@ -320,8 +320,8 @@ def _command(run: GapRun) -> str | None:
         ("t-end", f"{run.t_end:.{STEP_DIGITS}g}"),
     ]
     for name in guides_with_gaps(run.scene):
-        options.append(("set", f"{name}.clearance={run.clearance:g}"))
-        options.append(("set", f"{name}.restitution={run.restitution:g}"))
+        options.append(("set", f"{name}.clearance={run.clearance:.{STEP_DIGITS}g}"))
+        options.append(("set", f"{name}.restitution={run.restitution:.{STEP_DIGITS}g}"))
     for name, value in run.variant.settings.items():
         options.append(("setting", f"{name}={as_given(value)}"))
     return run_command(run.scene.name, run.variant.engine, options)

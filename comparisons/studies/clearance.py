@@ -24,7 +24,13 @@ from stiction.comparisons.bench.participants import REFERENCE, participants, val
 from stiction.comparisons.bench.presentation.cells import AGAIN
 from stiction.comparisons.bench.runner import Comparison
 from stiction.comparisons.bench.study import Scope, Study, Tables, unless_refused
-from stiction.comparisons.bench.variants import Record, Variant, run_command, time_factor
+from stiction.comparisons.bench.variants import (
+    Record,
+    Variant,
+    has_static_coefficient,
+    run_command,
+    time_factor,
+)
 from stiction.comparisons.measures.clearance_effect import GapRun, clearance_effect
 from stiction.comparisons.measures.corner_gaps import guides_with_gaps, require_corners
 from stiction.comparisons.measures.measured_flights import measured_flights
@@ -47,6 +53,7 @@ from stiction.scenes import Scene, load_scene
 from stiction.scenes.fidelity import Fidelity
 from stiction.scenes.fields import Model, NonNegative, Positive
 from stiction.scenes.wording import as_given
+from stiction.truths.physics import physics_overrides
 
 OTHERS = "others"
 """Word of the data for all engines that they do not name."""
@@ -319,6 +326,8 @@ def _command(run: GapRun) -> str | None:
         ("dt", f"{run.step:.{STEP_DIGITS}g}"),
         ("t-end", f"{run.t_end:.{STEP_DIGITS}g}"),
     ]
+    overrides = physics_overrides(run.scene, has_static_coefficient(run.variant))
+    options += [("set", f"{path}={as_given(value)}") for path, value in overrides.items()]
     for name in guides_with_gaps(run.scene):
         options.append(("set", f"{name}.clearance={run.clearance:.{STEP_DIGITS}g}"))
         options.append(("set", f"{name}.restitution={run.restitution:.{STEP_DIGITS}g}"))

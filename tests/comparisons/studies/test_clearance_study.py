@@ -12,8 +12,10 @@ from made_up_runs import words, wrongly_written
 from stiction.cli.exit_codes import BAD_INPUT
 from stiction.comparisons.bench.depth import Depth
 from stiction.comparisons.bench.presentation import ANSWER_LENGTH
+from stiction.comparisons.bench.presentation.cells import AGAIN
 from stiction.comparisons.bench.results import Results
 from stiction.comparisons.bench.study import Scope, Tables, union
+from stiction.comparisons.measures.clearance_effect import GapRun
 from stiction.comparisons.measures.corner_flights import Release
 from stiction.comparisons.studies import clearance
 from stiction.comparisons.studies.claims import FAILS, HOLDS, UNDECIDED
@@ -458,6 +460,26 @@ def test_the_study_of_case_1(made):
     measured = flights[flights["event_time"].between(1.36, 1.37)]
     assert len(measured) == 2
     np.testing.assert_allclose(measured["flight_time_ratio"], 1, atol=0.06)
+
+
+def test_the_command_of_a_run_repeats_it(made, tmp_path):
+    """Moreau's method refuses the mus > mu of case 1, so that the command changes it as the study does."""
+    [row] = [
+        row
+        for row in made.table("clearance-runs").to_dict("records")
+        if row[CLEARANCE] == 1e-3 and row["step"] == 2e-4
+    ]
+    out = tmp_path / "run.parquet"
+    program, *words_of_command = row[AGAIN].split()
+    assert program == "stiction"
+    with here():
+        invoke(" ".join(words_of_command), "--output-step", 2e-4, "--out", out)
+    [moreau] = methods_of(Scope((), engines=("moreau",))).able
+    run = GapRun(load_scene(CASES[0]), 1e-3, 0.0, moreau, 2e-4, 2.0).simulate()
+    repeated = pd.read_parquet(out)
+    np.testing.assert_allclose(
+        repeated["guide.displacement"], run["guide.displacement"], atol=1e-12
+    )
 
 
 def test_text_and_figures_of_case_1(made):

@@ -23,6 +23,12 @@ MAX_FILE_SIZE = 4 * 2**20
 """Largest size of a scene file, bytes; 10 000 bodies with a joint each take 2 MB."""
 _MAX_SYNTAX_ERROR = 160
 """Characters of the TOML parser's message that are shown: more than its usual messages have."""
+_LINE_OF_SYNTAX_ERROR = re.compile(r"\(at line (\d+), column \d+\)\Z")
+"""Place at the end of the TOML parser's message; the error has it as an attribute only since Python 3.14."""
+_QUOTING_RULE = (
+    "texts are in quotes, and so are keys with characters other than a-z, A-Z, 0-9, _ and -"
+)
+"""What is most often wrong in a file that is no TOML."""
 _DERIVED_KEYS = ("base", "title", "source", "set", "unset")
 """Keys of a file that describes a scene by its differences from a base."""
 # Texts of all four kinds, and comments, closed or not. Possessive quantifiers keep the search
@@ -247,14 +253,22 @@ def read_toml(path: Path, origin: str) -> dict[str, Any]:
     except RecursionError:
         found, expected = TOO_DEEP
     except tomllib.TOMLDecodeError as error:
-        found, expected = shortened(str(error), _MAX_SYNTAX_ERROR), "expected TOML (toml.io)"
-        # Outside of texts and comments there are only keys and values.
-        if not _QUOTED.sub("", text).isascii():
-            expected += ", in which names have no letters but a-z and A-Z"
+        found = shortened(str(error), _MAX_SYNTAX_ERROR) + _wrong_line(str(error), text)
+        expected = f"expected TOML (toml.io): {_QUOTING_RULE}"
     except ValueError:
         # tomllib passes on the error of int(), which refuses texts of thousands of digits.
         found, expected = "an integer of thousands of digits", "expected numbers below 1.8e308"
     raise SceneError(origin, [Problem("file", found, expected)])
+
+
+def _wrong_line(message: str, text: str) -> str:
+    """Return the words for the line of a text that the TOML parser's message names; empty if it names none."""
+    place = _LINE_OF_SYNTAX_ERROR.search(message)
+    if place is None:
+        return ""
+    # The parser counts only line feeds; other characters that end lines for `splitlines` may be in texts.
+    line = text.split("\n")[int(place[1]) - 1]
+    return f", in the line {shown(line.strip())}"
 
 
 def _merge_with_base(

@@ -58,6 +58,8 @@ _MILLISECOND_RATIO = (50, 2000)
 t_end to twice t_end."""
 _MAX_MISSPELT = 5
 """Largest number of misspelt names that are reported one by one; more of them belong to another scene."""
+_MAX_SUGGESTIONS = 4
+"""Largest number of columns that are suggested for one heading; more of them are no help."""
 
 
 @dataclass(frozen=True)
@@ -267,9 +269,31 @@ def _missing_columns(
     if len(sources) < 2:
         found = f"none of the scene's beside {names(names_in_table)}"
         remedy = "; --map MINE=COLUMN renames" if has_map_option else ""
-        expected = f"expected one or more of {names(columns_of(scene))}{remedy}"
+        meant = column_suggestions(names_in_table, columns_of(scene))
+        hint = f" ({meant})" if meant else ""
+        expected = f"expected one or more of {names(columns_of(scene))}{hint}{remedy}"
         return [Problem("columns", found, expected)]
     return []
+
+
+def column_suggestions(headings: Iterable[str], scene_names: Iterable[str]) -> str:
+    """Return ``"x: did you mean 'slider.x'?"`` for each heading that may be a column of the scene, joined by ``"; "``.
+
+    A heading may be similar to a column, or be its last part alone, such as ``x`` or ``pos_x``.
+    """
+    candidates = list(scene_names)
+    suggestions = []
+    for heading in headings:
+        if heading in TIME_NAMES:
+            continue
+        hint = did_you_mean(heading, candidates).strip(" ()")
+        last_part = re.split(r"[^A-Za-z]+", heading)[-1].lower()
+        same_part = [name for name in candidates if name.rpartition(".")[2].lower() == last_part]
+        if not hint and 0 < len(same_part) <= _MAX_SUGGESTIONS:
+            hint = f"did you mean {' or '.join(map(shown, same_part))}?"
+        if hint:
+            suggestions.append(f"{shortened(heading)}: {hint}")
+    return "; ".join(suggestions)
 
 
 def _too_few_rows(rows: int) -> list[Problem]:

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from typing import Any
+
 from stiction.scenes import Scene, vary
 
 
@@ -18,9 +20,17 @@ def physics_of(scene: Scene, static_coefficient: bool) -> Scene:
 
     Unless the engine has a static coefficient, every joint has mus = mu and static_friction = friction.
     """
-    if static_coefficient:
+    overrides = physics_overrides(scene, static_coefficient)
+    if not overrides:
         return scene
-    overrides = {
+    return vary(scene, overrides)
+
+
+def physics_overrides(scene: Scene, static_coefficient: bool) -> dict[str, Any]:
+    """Return the values in which the scene of `physics_of` differs from the scene, by their paths."""
+    if static_coefficient:
+        return {}
+    overrides: dict[str, Any] = {
         f"{name}.mus": joint.mu for name, joint in scene.joints.items() if joint.mus is not None
     }
     overrides |= {
@@ -28,9 +38,7 @@ def physics_of(scene: Scene, static_coefficient: bool) -> Scene:
         for name, joint in scene.joints.items()
         if joint.static_friction is not None
     }
-    if not overrides:
-        return scene
-    return vary(scene, overrides)
+    return overrides
 
 
 def physics_over_values(scene: Scene, static_coefficient: bool) -> Scene:

@@ -901,6 +901,7 @@ BENCHMARK = (
     _category("other_parameter", "parameter with which the table agrees"),
     _value("other_value", "its value"),
     _text("explanations", description="all parameters with which the errors vanish"),
+    _text("unknown_columns", "columns of the table that the scene does not have"),
     _value("widest_gap", "longest time between rows", "s"),
 )
 """The scenes of the friction benchmark, and the judgement of a submission."""

@@ -27,10 +27,12 @@ from stiction.comparisons.judge.judgement import (
 from stiction.comparisons.measures.accuracy import TORQUE_ERROR
 from stiction.comparisons.measures.other_parameters import EXPLAINED
 from stiction.scenes import FileError, InputError, Problem
+from stiction.scenes.columns import columns_of
 from stiction.scenes.errors import problems_of
 from stiction.scenes.fidelity import Fidelity
 from stiction.scenes.fields import Model, Name
 from stiction.scenes.loading import read_toml
+from stiction.scenes.result_table import column_suggestions
 from stiction.scenes.table_blocks import ENDINGS
 from stiction.scenes.wording import did_you_mean, names
 
@@ -66,6 +68,7 @@ COLUMNS = (
     "other_parameter",
     "other_value",
     "explanations",
+    "unknown_columns",
     "widest_gap",
     "max_step",
     "table_begin",
@@ -73,7 +76,8 @@ COLUMNS = (
     "t_end",
     "truth_tier",
 )
-"""Columns of the table of a judged submission, which has a row for each scene of the benchmark."""
+"""Columns of the table of a judged submission, which has a row for each scene of the benchmark, and one for each table
+with another name."""
 
 
 def _check_setting(value: Any) -> Any:
@@ -106,6 +110,8 @@ class Verdict(StrEnum):
     """The table has no column that depends on forces."""
     NOT_A_TABLE = "not a table"
     """The file cannot be read as a table of this scene."""
+    UNKNOWN_SCENE = "unknown scene"
+    """The file has the name of no scene of the benchmark."""
     DECLINED = "declined"
     """The description states why there is no table."""
     MISSING = "missing"
@@ -120,6 +126,7 @@ UNUSABLE = (
     Verdict.TOO_COARSE,
     Verdict.NOT_JUDGED,
     Verdict.NOT_A_TABLE,
+    Verdict.UNKNOWN_SCENE,
 )
 """Verdicts on results that cannot be judged as they are."""
 
@@ -141,8 +148,8 @@ class Submission(Model):
     """The machine, in words"""
     command: Text
     """The command that makes the tables again"""
-    settings: dict[Name, Setting] = {}
-    """Settings of the solver"""
+    settings: dict[Text, Setting] = {}
+    """Settings of the solver, under any names"""
     declined: dict[Name, Text] = {}
     """Scenes that the solver cannot represent, and why"""
 
@@ -168,7 +175,7 @@ class JudgedSubmission:
     submission : Submission
         Its description.
     table : DataFrame
-        One row for each scene of the benchmark, with `COLUMNS`.
+        One row for each scene of the benchmark, and one for each table with another name, with `COLUMNS`.
     judgements : Mapping[str, Judgement]
         Judgement of each table that could be read, by scene.
     """
@@ -183,8 +190,13 @@ class JudgedSubmission:
 
     @property
     def submitted(self) -> int:
-        """Number of scenes with a table."""
+        """Number of tables, including those with the name of no scene."""
         return len(self.table) - self.count(Verdict.DECLINED, Verdict.MISSING)
+
+    @property
+    def submitted_scenes(self) -> int:
+        """Number of scenes with a table."""
+        return self.submitted - self.count(Verdict.UNKNOWN_SCENE)
 
 
 def is_submission(folder: str | Path) -> bool:
@@ -195,11 +207,13 @@ def is_submission(folder: str | Path) -> bool:
 def read_submission(folder: Path) -> tuple[Submission, dict[str, Path]]:
     """Return the description of a submission, and its tables by scene.
 
+    Tables with the name of no scene are left out; see `unknown_tables`.
+
     Raises
     ------
     FileError
-        If the description is absent or invalid, if a table has the name of no scene, or if a scene has two tables, or
-        a table and a reason for declining it. The error lists all problems.
+        If the description is absent or invalid, or if a scene has two tables, or a table and a reason for declining
+        it. The error lists all problems.
     """
     file = folder / DESCRIPTION
     if not file.is_file():
@@ -210,16 +224,13 @@ def read_submission(folder: Path) -> tuple[Submission, dict[str, Path]]:
     except ValidationError as error:
         raise FileError(str(file), problems_of(error, Submission)) from None
 
-    scenes = [scene.name for scene in benchmark_scenes()]
+    unknown = unknown_tables(folder)
     problems = []
     tables: dict[str, Path] = {}
-    for path in sorted(folder.iterdir()):
-        if path.suffix not in ENDINGS:
+    for path in _table_files(folder):
+        if path in unknown:
             continue
-        if path.stem not in scenes:
-            expected = f"expected the name of a scene of {NAME}{did_you_mean(path.stem, scenes)}"
-            problems.append(Problem(path.name, "no scene of this name", expected))
-        elif path.stem in tables:
+        if path.stem in tables:
             expected = "expected one table for each scene"
             problems.append(Problem(path.name, f"{tables[path.stem].name} beside it", expected))
         elif path.stem in submission.declined:
@@ -227,12 +238,23 @@ def read_submission(folder: Path) -> tuple[Submission, dict[str, Path]]:
             problems.append(Problem(path.name, "a table of a declined scene", expected))
         else:
             tables[path.stem] = path
-    if not tables and not problems and not submission.declined:
+    if not tables and not unknown and not problems and not submission.declined:
         expected = f"expected SCENE.csv or SCENE.parquet of a scene of {NAME}"
         problems.append(Problem("tables", "none", expected))
     if problems:
         raise FileError(str(folder), problems)
     return submission, tables
+
+
+def _table_files(folder: Path) -> list[Path]:
+    """Return the tables in the folder of a submission, in the order of their names."""
+    return [path for path in sorted(folder.iterdir()) if path.suffix in ENDINGS]
+
+
+def unknown_tables(folder: Path) -> list[Path]:
+    """Return the tables in the folder of a submission that have the name of no scene of the benchmark."""
+    scenes = [scene.name for scene in benchmark_scenes()]
+    return [path for path in _table_files(folder) if path.stem not in scenes]
 
 
 def judge_submission(
@@ -284,13 +306,25 @@ def judge_submission(
             row |= {"verdict": Verdict.MISSING, "reason": f"no table; {expected}"}
         rows.append(row)
         on_scene(scene.name)
+    rows += [_row_of_unknown_table(path) for path in unknown_tables(folder)]
     table = pd.DataFrame(rows, columns=list(COLUMNS))
     return JudgedSubmission(submission, table, judgements)
+
+
+def _row_of_unknown_table(path: Path) -> dict[str, Any]:
+    """Return the row of a table that has the name of no scene."""
+    hint = did_you_mean(path.stem, [scene.name for scene in benchmark_scenes()])
+    return {
+        "scene": path.stem,
+        "verdict": Verdict.UNKNOWN_SCENE,
+        "reason": f"{path.name}: no scene of this name; expected a scene of {NAME}{hint}",
+    }
 
 
 def _numbers(judged: Judgement) -> dict[str, Any]:
     """Return the numbers of a judgement as columns of the table of a submission."""
     summary = judged.tables["summary"].loc[0]
+    has_effort = any(f"{drive}.effort" in judged.table.columns for drive in judged.scene.drives)
     phases = judged.tables["stick-phases"]["verdict"].value_counts()
     jumps = judged.tables["jumps"]
     errors = judged.tables["errors"]
@@ -306,14 +340,16 @@ def _numbers(judged: Judgement) -> dict[str, Any]:
         "stick_missed": int(phases.get(MISSED, 0)),
         "stick_unresolved": int(phases.get(UNRESOLVED, 0)),
         "stick_invented": int(phases.get(INVENTED, 0)),
-        "jumps": len(jumps),
-        "jumps_read": int(jumps["resolved"].sum()) if len(jumps) else 0,
+        # Without an effort in the table, its jumps were not looked for.
+        "jumps": len(jumps) if has_effort else None,
+        "jumps_read": _count_jumps_read(jumps) if has_effort else None,
         "event_time_error": summary.get("event_time_error"),
         "widest_gap": judged.widest_gap,
         "table_begin": summary["table_begin"],
         "table_end": summary["table_end"],
         "t_end": judged.scene.t_end,
         "truth_tier": str(judged.truth.tier),
+        "unknown_columns": ", ".join(judged.table.left_out),
     }
     position_errors = judged.in_metres("error")
     if position_errors.notna().any():
@@ -338,6 +374,11 @@ def _numbers(judged: Judgement) -> dict[str, Any]:
             "other_value": factor if pd.isna(value) else value,
         }
     return numbers
+
+
+def _count_jumps_read(jumps: pd.DataFrame) -> int:
+    """Return the number of jumps that a table shows; a table of jumps without rows has no other columns."""
+    return int(jumps["resolved"].sum()) if len(jumps) else 0
 
 
 def _explanations(judged: Judgement) -> list[str]:
@@ -417,9 +458,13 @@ def _reason(verdict: Verdict, row: Mapping[str, Any], judged: Judgement) -> str:
     if verdict is Verdict.NOT_JUDGED:
         if _lacks_effort(row):
             efforts = ", ".join(f"{drive}.effort" for drive in judged.scene.drives)
-            return f"no column {efforts}: the motors prescribe the motion, which shows nothing else"
-        held = f" ({', '.join(judged.held)}: prescribed)" if judged.held else ""
-        return f"no position that depends on forces{held}; expected one or more"
+            reason = (
+                f"no column {efforts}: the motors prescribe the motion, which shows nothing else"
+            )
+        else:
+            held = f" ({', '.join(judged.held)}: prescribed)" if judged.held else ""
+            reason = f"no position that depends on forces{held}; expected one or more"
+        return "; ".join([reason, *unknown_columns(judged)])
     excesses = _excesses(row)
     named = _named_parameter(judged)
     if named is not None:
@@ -427,6 +472,17 @@ def _reason(verdict: Verdict, row: Mapping[str, Any], judged: Judgement) -> str:
     if excesses and row["explanations"]:
         return "; ".join([*excesses, _agreement(_explanations(judged))])
     return "; ".join(excesses)
+
+
+def unknown_columns(judged: Judgement) -> list[str]:
+    """Return a sentence about the columns of a table that the scene does not have; empty if there are none."""
+    left_out = judged.table.left_out
+    if not left_out:
+        return []
+    absent = [name for name in columns_of(judged.scene) if name not in judged.table.columns]
+    suggestions = column_suggestions(left_out, absent)
+    hint = f" ({suggestions})" if suggestions else ""
+    return [f"the scene has no column {names(left_out)}{hint}"]
 
 
 def _misreading(factor: float, unit: str) -> str:

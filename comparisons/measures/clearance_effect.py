@@ -15,37 +15,45 @@ from stiction.comparisons.measures.corner_gaps import (
     corner_gaps,
     guides_with_gaps,
     impacts_in,
+    require_corners,
 )
 from stiction.engines.joint_effects import with_ideal_guides
 from stiction.engines.protocol import EngineFailure
 from stiction.engines.reference.engine import ReferenceEngine
 from stiction.engines.registry import load_engine
 from stiction.reference_impl.multibody.initial_state import with_consistent_start
-from stiction.scenes import InputError, Scene, Trajectory, vary
+from stiction.scenes import Scene, Trajectory, vary
 from stiction.scenes.fidelity import Fidelity
 from stiction.truths.physics import physics_of
 
 IDEAL_RTOL = 1e-10
 """Relative tolerance of the run with ideal joints, whose error is far below any effect of a clearance."""
 IDEAL_SAMPLES = 10_000
-"""Number of samples of the run with ideal joints: linear interpolation between them errs by 1e-7 of the range."""
+"""Number of samples of the run with ideal joints.
+
+Linear interpolation of a sine of p periods between them errs by 5e-8 p^2 of its amplitude.
+"""
 LANDING = 0.2
 """Time at the start that is left out, s: the slider starts in the middle of its gap, falls and comes to rest.
 
-The fall through a gap of 1 cm lasts 0.045 s under gravity.
+At a clearance of 1 cm the fall lasts 0.045 s under gravity.
 """
 LANDING_SHARE = 0.1
-"""Largest part of a run that is left out for the landing: motions that are over in less than 2 s are mostly impacts."""
+"""Largest part of a run that is left out for the landing.
+
+It limits the time left out of runs of less than 2 s, which would lose most of their motion.
+"""
 PEAK_WINDOW = 1e-3
 """Time over which the effort is averaged for a peak that does not depend on the step, s.
 
 An impact of rigid bodies is an impulse, whose effort in a single step is inversely proportional to the step. Motors
-respond within milliseconds.
+do not respond to changes that are faster than about a millisecond.
 """
 NUDGE = 1e-6
-"""Change of the velocities at the start of a perturbed run, of the largest of them; in m/s and rad/s if all are zero.
+"""Largest change of each velocity (m/s or rad/s) at a perturbed start, relative to the largest velocity of the scene.
 
-It is far below any effect of a clearance, and grows by sensitivity alone.
+If all velocities are zero, it is the absolute change. It is far below any effect of a clearance, so that runs differ
+noticeably only where the motion is sensitive to its start.
 """
 
 
@@ -155,33 +163,29 @@ def with_gaps(scene: Scene, clearance: float, restitution: float = 0.0) -> Scene
     InputError
         If the scene has no such guide.
     """
-    guides = guides_with_gaps(scene)
-    if not guides:
-        raise InputError(
-            f"{scene.name}: joints: found no guide with length and width; expected one, whose slider has corners"
-        )
+    guides = require_corners(scene)
     changes = {f"{name}.clearance": clearance for name in guides}
     changes |= {f"{name}.restitution": restitution for name in guides}
     return vary(scene, changes)
 
 
 def nudged(scene: Scene, number: int) -> Scene:
-    """Return a scene with velocities at the start that differ by `NUDGE`; the scene itself for the number 0.
+    """Return a scene with randomly changed velocities at the start; the scene itself for the number 0.
 
-    The random changes are projected onto the constraints.
+    The changes, of the size `NUDGE`, are projected onto the constraints. `number` is the seed of the random numbers.
     """
     if number == 0:
         return scene
-    dice = np.random.default_rng(number)
+    generator = np.random.default_rng(number)
     speeds = [abs(part) for body in scene.bodies.values() for part in body.velocity]
     spins = [abs(body.angular_velocity) for body in scene.bodies.values()]
     size = NUDGE * (max(*speeds, *spins) or 1.0)
     changes: dict[str, Any] = {}
     for name, body in scene.bodies.items():
-        along, across, turn = size * dice.uniform(-1.0, 1.0, 3)
+        change_x, change_y, change_spin = size * generator.uniform(-1.0, 1.0, 3)
         x, y = body.velocity
-        changes[f"bodies.{name}.velocity"] = [float(x + along), float(y + across)]
-        changes[f"bodies.{name}.angular_velocity"] = float(body.angular_velocity + turn)
+        changes[f"bodies.{name}.velocity"] = [float(x + change_x), float(y + change_y)]
+        changes[f"bodies.{name}.angular_velocity"] = float(body.angular_velocity + change_spin)
     return with_consistent_start(vary(scene, changes), assemble=True)
 
 
@@ -197,9 +201,10 @@ def clearance_effect(run: GapRun) -> dict[str, Any]:
         largest effort over the largest ideal one. ``effort_peak_mean``: the same of the effort averaged over
         `PEAK_WINDOW`. ``flight_share``, ``one_corner_share``, ``adjacent_share``, ``opposite_share``: parts of the
         time, see `ContactShares`. ``largest_overlap``: largest depth of a corner in its surface, m.
-        ``impact_count``, and ``impact_speed`` (largest, m/s). ``window_begin``, ``window_end``: the part of the run
-        that they are about, s.
-        Efforts are absent from a scene without drives.
+        ``impact_count``: number of impacts. ``impact_speed``: largest speed of an impact, m/s. ``window_begin``,
+        ``window_end``: the part of the run from which all these are computed, s. ``cpu_time``: CPU time of the steps,
+        s. ``version``: version of the engine.
+        Efforts are absent if the scene has no drive, or if the ideal effort is zero throughout.
 
     Raises
     ------
@@ -216,35 +221,32 @@ def clearance_effect(run: GapRun) -> dict[str, Any]:
     row: dict[str, Any] = {"window_begin": begin, "window_end": run.t_end}
 
     scene = run.simulated_scene
-    guides = guides_with_gaps(scene)
-    row["slider_change"] = max(
-        float(
-            np.max(
-                np.abs(
-                    trajectory[f"{name}.displacement"][is_inside]
-                    - np.interp(t, ideal["t"], ideal[f"{name}.displacement"])
-                )
-            )
-        )
-        for name in guides
-    )
-    row |= _contact_columns(scene, trajectory, is_inside)
+    changes = []
+    for name in guides_with_gaps(scene):
+        column = f"{name}.displacement"
+        ideal_displacement = np.interp(t, ideal["t"], ideal[column])
+        change = np.abs(trajectory[column][is_inside] - ideal_displacement)
+        changes.append(float(change.max()))
+    row["slider_change"] = max(changes)
+    row |= _contact_columns(scene, trajectory, is_inside, run.clearance)
     drives = list(scene.drives)
     if drives:
         column = f"{drives[0]}.effort"
-        # The effort of a step is its mean over the step that ends at the sample.
-        exact = np.interp(t - 0.5 * run.step, ideal["t"], ideal[column])
-        row |= _effort_columns(trajectory[column][is_inside], exact, run.t_end - begin)
+        # The effort at a sample is the mean over the step that ends there, and so belongs to the middle of the step.
+        ideal_effort = np.interp(t - 0.5 * run.step, ideal["t"], ideal[column])
+        row |= _effort_columns(trajectory[column][is_inside], ideal_effort, run.t_end - begin)
     row["cpu_time"] = trajectory.cost.stepping_s
     row["version"] = trajectory.version
     return row
 
 
 def _effort_columns(effort: np.ndarray, ideal: np.ndarray, length: float) -> dict[str, float]:
-    """Return the differences of an effort from the ideal one, relative to the latter.
+    """Return the differences of an effort from the ideal one, relative to the latter; empty if the latter is zero.
 
     Both have the shape (samples,) and cover a window of a length, s.
     """
+    if not np.any(ideal):
+        return {}
     difference = effort - ideal
     window = max(1, round(len(effort) * PEAK_WINDOW / length))
     means = np.convolve(effort, np.full(window, 1.0 / window), mode="valid")
@@ -257,17 +259,16 @@ def _effort_columns(effort: np.ndarray, ideal: np.ndarray, length: float) -> dic
 
 
 def _contact_columns(
-    scene: Scene, trajectory: Trajectory, is_inside: np.ndarray
+    scene: Scene, trajectory: Trajectory, is_inside: np.ndarray, clearance: float
 ) -> Mapping[str, float]:
     """Return parts of the time by contact, overlap and impacts of all sliders in the samples inside the window.
 
-    With several sliders each part is the largest of them.
+    With several sliders each part of the time is the largest among the sliders, and impacts are those of all sliders.
     """
     shares = []
     overlaps = []
     speeds = []
     for name in guides_with_gaps(scene):
-        clearance = scene.guides[name].clearance or 0.0
         gaps = corner_gaps(scene, trajectory, name)[:, is_inside]
         shares.append(contact_shares(gaps, clearance))
         overlaps.append(max(0.0, -float(gaps.min())))

@@ -1,11 +1,12 @@
 """Distances of the corners of a slider from the surfaces of its guide, flights between them, and impacts.
 
-They are computed from the positions in a trajectory, so that they mean the same for every method: contact forces of
-time-stepping methods are zero in single steps of a lasting contact, and contacts of other methods overlap.
+They are computed from positions, which mean the same for every method. Contact forces do not: those of time-stepping
+methods are zero in single steps of a lasting contact.
 
-The corners are numbered as in a `Trajectory`: 1 lower rear, 2 lower front, 3 upper front, 4 upper rear. With the
-height y of the slider's point above the middle line of the guide, the angle phi between them and the half sizes a/2
-and b/2, the gap of a corner at (along, across) on the side sigma (1 for the lower surface, -1 for the upper one) is
+The corners are numbered as in a `Trajectory`: 1 lower rear, 2 lower front, 3 upper front, 4 upper rear. Let y be the
+height of the slider's point above the middle line of the guide, phi the angle of the slider relative to the guide, a
+the length, b the width and c the clearance. A corner on the side sigma, 1 for the lower surface and -1 for the upper
+one, is at (along, across) = (+-a/2, -sigma b/2) on the slider, and its gap is
 
     g = sigma (y + along sin phi + across cos phi) + b/2 + c
 """
@@ -23,7 +24,7 @@ from stiction.scenes.fields import GROUND
 ARRIVAL = 0.02
 """Gap over the clearance at which a corner has reached its surface.
 
-It is so small that the rest of a flight changes its duration by 0.3 %, and larger than the overlap or the distance at
+It is so small that the rest of the flight is 0.3 % of its duration, and larger than the distance or the overlap at
 which the contacts of most methods carry load.
 """
 DEPARTURE = 0.1
@@ -67,6 +68,22 @@ def guides_with_gaps(scene: Scene) -> list[str]:
     return [name for name, guide in scene.guides.items() if guide.length and guide.width]
 
 
+def require_corners(scene: Scene) -> list[str]:
+    """Return the names of the guides whose sliders have corners, of which a scene must have one at least.
+
+    Raises
+    ------
+    InputError
+        If no guide has a length and a width.
+    """
+    guides = guides_with_gaps(scene)
+    if not guides:
+        raise InputError(
+            f"{scene.name}: joints: found no guide with length and width; expected one, whose slider has corners"
+        )
+    return guides
+
+
 def corner_gaps(scene: Scene, run: Trajectory, guide: str) -> np.ndarray:
     """Return the distance of each corner of a slider from its surface, m.
 
@@ -75,14 +92,14 @@ def corner_gaps(scene: Scene, run: Trajectory, guide: str) -> np.ndarray:
     scene : Scene
         The scene of the run, whose guide declares length, width and clearance.
     run : Trajectory
-        The run, which need not know the gaps.
+        The run; its joints may be ideal.
     guide : str
         Name of the guide.
 
     Returns
     -------
     ndarray, shape (4, samples)
-        Negative where a contact overlaps.
+        Gaps in the order of the corners; negative where a corner overlaps its surface.
 
     Raises
     ------
@@ -154,20 +171,21 @@ def impacts_in(t: np.ndarray, gaps: np.ndarray, clearance: float) -> list[Corner
 def _arrivals(gap: np.ndarray, clearance: float) -> Iterator[int]:
     """Yield the samples at which a corner has arrived at its surface."""
     is_away = gap > DEPARTURE * clearance
-    is_there = gap <= ARRIVAL * clearance
-    # Between the two limits a corner keeps its state: 1 away, -1 at the surface.
-    mark = is_away.astype(int) - is_there.astype(int)
-    decided = np.flatnonzero(mark)
-    changes = np.flatnonzero(np.diff(mark[decided]) < 0)
-    for place in changes:
-        yield int(decided[place + 1])
+    is_at_surface = gap <= ARRIVAL * clearance
+    # The state is 1 away from the surface and -1 at it. Samples between the two limits, which would be 0, do not
+    # change the state, and are skipped.
+    state = is_away.astype(int) - is_at_surface.astype(int)
+    samples = np.flatnonzero(state)
+    changes = np.flatnonzero(np.diff(state[samples]) < 0)
+    for change in changes:
+        yield int(samples[change + 1])
 
 
 def _impact(
     corner: int, t: np.ndarray, gap: np.ndarray, arrival: int, clearance: float
 ) -> CornerImpact:
     """Return the impact of a corner that has arrived at its surface at the sample `arrival`."""
-    # The end of the flight: samples with a gap that falls, from `APPROACH` of the clearance on.
+    # The end of the flight: the samples before the arrival whose gap decreases and is below `APPROACH`.
     begin = arrival
     while begin > 0 and gap[begin - 1] > gap[begin] and gap[begin - 1] < APPROACH * clearance:
         begin -= 1
@@ -181,7 +199,7 @@ def _impact(
 def _extended_parabola(corner: int, t: np.ndarray, gap: np.ndarray) -> CornerImpact | None:
     """Return the impact at which the parabola through the end of a flight reaches the gap zero; None if it does not.
 
-    `t` (s) and `gap` (m) have the shape (samples,).
+    `t` (s) and `gap` (m) are the samples of the end of the flight, with the shape (samples,).
     """
     # Time from the last sample, so that the fit is well conditioned.
     time = t - t[-1]
@@ -199,8 +217,8 @@ def _extended_parabola(corner: int, t: np.ndarray, gap: np.ndarray) -> CornerImp
 def _extended_line(corner: int, t: np.ndarray, gap: np.ndarray, arrival: int) -> CornerImpact:
     """Return the impact at which the straight line through the last two samples before the arrival reaches zero.
 
-    A corner that moves away between them turns within a step; its impact is at the arrival, at the mean speed of the
-    step before it.
+    If the corner moves away between these two samples, it turns back within the step of the arrival. Its impact is then
+    at the arrival, with the mean speed in this step.
     """
     last = arrival - 1
     if last >= 1 and gap[last - 1] > gap[last]:
@@ -218,7 +236,7 @@ class ContactShares:
     Attributes
     ----------
     none, one, adjacent, opposite : float
-        No corner; one; two at the same surface; two at both ends and at different surfaces.
+        No corner is at its surface; one is; two at the same surface; two at different surfaces and different ends.
     """
 
     none: float
@@ -233,8 +251,9 @@ def contact_shares(gaps: np.ndarray, clearance: float) -> ContactShares:
     `gaps` have the shape (4, samples). Both corners of one end touch only if the clearance is within the overlap of the
     contacts; such samples belong to no part.
     """
-    rear_lower, front_lower, front_upper, rear_upper = gaps <= ARRIVAL * clearance
-    count = np.sum(gaps <= ARRIVAL * clearance, axis=0)
+    is_at_surface = gaps <= ARRIVAL * clearance
+    rear_lower, front_lower, front_upper, rear_upper = is_at_surface
+    count = np.sum(is_at_surface, axis=0)
     is_adjacent = (rear_lower & front_lower) | (front_upper & rear_upper)
     is_opposite = (rear_lower & front_upper) | (front_lower & rear_upper)
     return ContactShares(

@@ -1,4 +1,4 @@
-"""Flights of corners through a gap in a run with contacts, beside those that the law of free flight predicts."""
+"""Comparison of the flights of corners in a run with contacts with those that the law of free flight predicts."""
 
 from __future__ import annotations
 
@@ -19,12 +19,15 @@ from stiction.comparisons.measures.corner_gaps import (
 from stiction.scenes import Trajectory
 
 SHOWN_CLEARANCE = 1e-3
-"""Largest clearance, m, whose flight fits into the stretch of the effort that is shown."""
+"""Clearance whose flight time determines the stretch of the effort that is shown for all clearances, m."""
 SHOWN_FLIGHTS = (-0.3, 2.0)
-"""Begin and end of this stretch, in flights at `SHOWN_CLEARANCE` from the release."""
+"""Begin and end of this stretch, in flight times at `SHOWN_CLEARANCE` after the release."""
 SHOWN_SAMPLES = 600
-"""Number of samples of this stretch. The effort of each is a mean over the time between two of them, so that an impact,
-which is an impulse, has a height that does not depend on the step."""
+"""Number of samples of this stretch.
+
+The effort of a sample is its mean since the sample before, so that the height of an impact, which is an impulse, does
+not depend on the step.
+"""
 LAW_EXPONENT = 1.0 / 3.0
 """Exponent of the flight time over the clearance after a zero of the force."""
 
@@ -46,14 +49,14 @@ def measured_flights(run: GapRun) -> tuple[list[dict[str, Any]], list[dict[str, 
     ideal = run.ideal_run()
     flights = corner_flights(scene, ideal)
     trajectory = run.simulate()
-    flown: list[dict[str, Any]] = []
+    rows: list[dict[str, Any]] = []
     for guide in guides_with_gaps(scene):
         gaps = corner_gaps(scene, trajectory, guide)
         impacts = impacts_in(trajectory.t, gaps, run.clearance)
         own = [flight for flight in flights if flight.guide == guide]
         for flight in own:
-            flown.append(_flight_row(flight, own, trajectory, gaps, impacts))
-    return flown, list(_effort_rows(run, flights, ideal, trajectory))
+            rows.append(_flight_row(flight, own, trajectory, gaps, impacts))
+    return rows, list(_effort_rows(run, flights, ideal, trajectory))
 
 
 def _flight_row(
@@ -63,8 +66,54 @@ def _flight_row(
     gaps: np.ndarray,
     impacts: Sequence[CornerImpact],
 ) -> dict[str, Any]:
-    """Return the row of one flight; `gaps` (4, samples) and `impacts` are those of its slider in the run."""
-    row = {
+    """Return the row of one predicted flight.
+
+    Parameters
+    ----------
+    flight : CornerFlight
+        The predicted flight.
+    flights : sequence of CornerFlight
+        All predicted flights of the same slider.
+    trajectory : Trajectory
+        The run with contacts.
+    gaps : ndarray, shape (4, samples)
+        Gaps of the slider's corners in this run, m.
+    impacts : sequence of CornerImpact
+        Impacts of the slider in this run, in order of time.
+    """
+    row = _predicted_columns(flight)
+    # A predicted flight that has no end (NaN) may have one in the run.
+    end_of_run = float(trajectory.t[-1])
+    if end_of_run < flight.time or end_of_run < flight.time + flight.flight_time:
+        return {**row, "why_none": "the run ends during the flight"}
+    sample = int(np.searchsorted(trajectory.t, flight.time))
+    if gaps[flight.opposite_corner - 1, sample] <= ARRIVAL * flight.clearance:
+        return {**row, "why_none": "the end is already at the other surface"}
+    # The flight is over when the same end is released from the other surface in the ideal motion.
+    later = [
+        other.time
+        for other in flights
+        if other.time > flight.time and other.corner == flight.opposite_corner
+    ]
+    end = min(later, default=end_of_run)
+    for impact in impacts:
+        if impact.corner == flight.opposite_corner and flight.time < impact.time <= end:
+            flight_time = impact.time - flight.time
+            has_speed = impact.speed > 0.0
+            return {
+                **row,
+                "flight_time": flight_time,
+                "flight_time_ratio": flight.flight_time / flight_time,
+                "impact_speed": impact.speed,
+                "impact_speed_ratio": flight.impact_speed / impact.speed if has_speed else np.nan,
+                "why_none": "",
+            }
+    return {**row, "why_none": "no impact before the end is released again"}
+
+
+def _predicted_columns(flight: CornerFlight) -> dict[str, Any]:
+    """Return the columns of a predicted flight."""
+    return {
         "event_time": flight.time,
         "joint": flight.guide,
         "release": str(flight.release),
@@ -76,43 +125,16 @@ def _flight_row(
         "predicted_flight_time": flight.flight_time,
         "predicted_impact_speed": flight.impact_speed,
     }
-    sample = int(np.searchsorted(trajectory.t, flight.time))
-    is_outside = sample >= len(trajectory.t)
-    if is_outside or trajectory.t[-1] < flight.time + flight.flight_time:
-        return {**row, "why_none": "the run ends during the flight"}
-    if gaps[flight.opposite_corner - 1, sample] <= ARRIVAL * flight.clearance:
-        return {**row, "why_none": "the end is already at the other surface"}
-    # The flight is over when the same end is released from the other surface in the ideal motion.
-    later = [
-        other.time
-        for other in flights
-        if other.time > flight.time and other.corner == flight.opposite_corner
-    ]
-    end = min(later, default=float(trajectory.t[-1]))
-    for impact in impacts:
-        if impact.corner == flight.opposite_corner and flight.time < impact.time <= end:
-            flight_time = impact.time - flight.time
-            return {
-                **row,
-                "flight_time": flight_time,
-                "flight_time_ratio": flight.flight_time / flight_time,
-                "impact_speed": impact.speed,
-                "impact_speed_ratio": flight.impact_speed / impact.speed
-                if impact.speed > 0.0
-                else np.nan,
-                "why_none": "",
-            }
-    return {**row, "why_none": "no impact before the end is released again"}
 
 
 def shown_flight(flights: Sequence[CornerFlight]) -> CornerFlight | None:
-    """Return the flight after a zero of a force that has the least crowding; None if there is none.
+    """Return the flight with the least crowding among those after a zero of the force; None if there is none.
 
-    Crowdings of such flights are all proportional to the same power of the clearance, so that it is the same flight for
-    every clearance.
+    The crowdings of these flights are proportional to the same power of the clearance, so that it is the same flight
+    for every clearance.
     """
-    isolated = [flight for flight in flights if flight.release == Release.ZERO]
-    return min(isolated, key=lambda flight: flight.crowding, default=None)
+    candidates = [flight for flight in flights if flight.release == Release.ZERO]
+    return min(candidates, key=lambda flight: flight.crowding, default=None)
 
 
 def _effort_rows(
@@ -124,10 +146,10 @@ def _effort_rows(
     if flight is None or not drives:
         return
     column = f"{drives[0]}.effort"
-    largest = flight.flight_time * (SHOWN_CLEARANCE / run.clearance) ** LAW_EXPONENT
-    ends = flight.time + largest * np.linspace(*SHOWN_FLIGHTS, SHOWN_SAMPLES + 1)
+    flight_unit = flight.flight_time * (SHOWN_CLEARANCE / run.clearance) ** LAW_EXPONENT
+    ends = flight.time + flight_unit * np.linspace(*SHOWN_FLIGHTS, SHOWN_SAMPLES + 1)
     ends = ends[ends <= trajectory.t[-1]]
-    # The integral of the effort up to each sample: that of a step is its mean over the step.
+    # Integral of the effort up to each sample of the run, whose effort is the mean over the step that ends there.
     integral = np.concatenate([[0.0], np.cumsum(trajectory[column][1:] * np.diff(trajectory.t))])
     means = np.diff(np.interp(ends, trajectory.t, integral)) / np.diff(ends)
     middles = 0.5 * (ends[1:] + ends[:-1])

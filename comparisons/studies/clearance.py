@@ -2,7 +2,8 @@
 
 Zhuang & Wang neglect the impacts of a slider in its guide. Methods with contacts simulate them. Each run is compared
 with the reference, whose joints are ideal; flights of corners through the gap are compared with the law of
-`stiction.comparisons.measures.corner_flights`. Gaps, steps and depths are data (``data/clearance.toml``).
+`stiction.comparisons.measures.corner_flights`. ``data/clearance.toml`` contains the clearances, the steps and the depth
+at which they are simulated.
 """
 
 from __future__ import annotations
@@ -12,6 +13,7 @@ from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, replace
 from functools import cache
 from importlib import resources
+from itertools import product
 from typing import Annotated, Any, Literal
 
 import pandas as pd
@@ -22,16 +24,23 @@ from stiction.comparisons.bench.participants import REFERENCE, participants, val
 from stiction.comparisons.bench.presentation.cells import AGAIN
 from stiction.comparisons.bench.runner import Comparison
 from stiction.comparisons.bench.study import Scope, Study, Tables, unless_refused
-from stiction.comparisons.bench.variants import Record, Variant, run_command, time_factor
+from stiction.comparisons.bench.variants import (
+    Record,
+    Variant,
+    has_static_coefficient,
+    run_command,
+    time_factor,
+)
 from stiction.comparisons.measures.clearance_effect import GapRun, clearance_effect
-from stiction.comparisons.measures.corner_gaps import guides_with_gaps
+from stiction.comparisons.measures.corner_gaps import guides_with_gaps, require_corners
 from stiction.comparisons.measures.measured_flights import measured_flights
-from stiction.comparisons.studies.clearance_claims import SLIDER_CRANK, Measured, claims_table
+from stiction.comparisons.studies.clearance_claims import SLIDER_CRANK, ClaimTables, claims_table
 from stiction.comparisons.studies.clearance_presentation import present
 from stiction.comparisons.studies.clearance_tables import (
     CLEARANCE,
     RESTITUTION,
     START,
+    WHY_NONE,
     effects_table,
     exponents_table,
     limits_table,
@@ -40,19 +49,23 @@ from stiction.engines.isolation import Outcome, Task
 from stiction.engines.joint_effects import JointEffect
 from stiction.engines.registry import EngineMissing, label_of, load_engine
 from stiction.engines.status import Status
-from stiction.scenes import InputError, Scene, load_scene
+from stiction.scenes import Scene, load_scene
 from stiction.scenes.fidelity import Fidelity
 from stiction.scenes.fields import Model, NonNegative, Positive
 from stiction.scenes.wording import as_given
+from stiction.truths.physics import physics_overrides
 
 OTHERS = "others"
-"""Word for all engines that the data do not name."""
+"""Word of the data for all engines that they do not name."""
 STEP_DIGITS = 12
-"""Significant digits of a step that is multiplied by a ratio of times."""
+"""Significant digits of a step that is multiplied by a ratio of times.
+
+Rounding makes equal steps of two entries equal, so that their runs are made once.
+"""
 
 
 class Runs(Model):
-    """Runs at a depth; ``data/clearance.toml`` describes the fields."""
+    """Clearances, steps and engines of the runs at one depth; ``data/clearance.toml`` describes the fields."""
 
     depth: Depth
     in_campaign: bool = True
@@ -82,8 +95,8 @@ class Data(Model):
     flight: tuple[Runs, ...]
 
     @property
-    def named(self) -> frozenset[str]:
-        """Engines that the data name."""
+    def named_engines(self) -> frozenset[str]:
+        """Engines that have entries of their own."""
         return frozenset(
             name
             for runs in (*self.effect, *self.flight)
@@ -122,8 +135,11 @@ def methods_of(scope: Scope) -> Methods:
     for variant in participants(scope.engines):
         if variant.engine == REFERENCE:
             continue
-        has_contacts = variant.fidelity == Fidelity.CONTACT and variant.parameter == "dt"
-        (able if has_contacts else others).setdefault(variant.engine, variant)
+        if variant.fidelity == Fidelity.CONTACT and variant.parameter == "dt":
+            able.setdefault(variant.engine, variant)
+        else:
+            others.setdefault(variant.engine, variant)
+    # An engine that is not installed cannot tell which restitutions it takes.
     unable = []
     for engine, variant in list(able.items()):
         try:
@@ -151,7 +167,7 @@ def takes_restitution(variant: Variant) -> bool:
 
 
 def scenes_of(scope: Scope) -> tuple[Scene, ...]:
-    """Return the scenes of a scope; the paper's cases if there are none. The slider-crank joins these cases."""
+    """Return the scenes of a scope; the paper's cases and the slider-crank if it has none or just these cases."""
     papers_cases = tuple(validation_campaign().scenes)
     if not scope.scenes or scope.scenes == papers_cases:
         return (*papers_cases, load_scene(SLIDER_CRANK))
@@ -167,15 +183,18 @@ def check_scenes(scope: Scope) -> None:
         If a scene has no guide with a length and a width.
     """
     for scene in scenes_of(scope):
-        if not guides_with_gaps(scene):
-            raise InputError(
-                f"{scene.name}: joints: found no guide with length and width; expected one, whose slider has corners"
-            )
+        require_corners(scene)
 
 
 def _time_ratio(scene: Scene) -> float:
     """Return the ratio by which the times of the data are multiplied for a scene, which may be shorter or faster."""
     return min(1.0, scene.t_end / load_data().window, time_factor(scene))
+
+
+def _scaled_steps(runs: Runs, scene: Scene) -> list[float]:
+    """Return the steps with which a scene is simulated, s, in the order of the data."""
+    ratio = _time_ratio(scene)
+    return [float(f"{ratio * step:.{STEP_DIGITS}g}") for step in runs.steps]
 
 
 def _takes_part(runs: Runs, scene: Scene, variant: Variant, scope: Scope) -> bool:
@@ -185,7 +204,7 @@ def _takes_part(runs: Runs, scene: Scene, variant: Variant, scope: Scope) -> boo
     if runs.needs_drive and not scene.drives:
         return False
     if runs.engines == OTHERS:
-        return variant.engine not in load_data().named
+        return variant.engine not in load_data().named_engines
     return variant.engine in runs.engines
 
 
@@ -193,22 +212,25 @@ def effect_runs(scope: Scope, scene: Scene, variant: Variant) -> list[GapRun]:
     """Return the runs from which the effects of a method on a scene are measured, each once."""
     data = load_data()
     t_end = min(data.window, scene.t_end) if scope.t_end is None else scope.t_end
-    ratio = _time_ratio(scene)
     has_restitution = takes_restitution(variant)
+    # Entries of several depths may contain the same run.
     runs: dict[str, GapRun] = {}
     for entry in data.effect:
         if not _takes_part(entry, scene, variant, scope):
             continue
-        for clearance in entry.clearances:
-            for restitution in entry.restitutions_of(scene):
-                if restitution and not has_restitution:
-                    continue
-                steps = [float(f"{ratio * step:.{STEP_DIGITS}g}") for step in entry.steps]
-                pairs = [(step, 0) for step in steps]
-                pairs += [(steps[0], start) for start in range(1, entry.starts + 1)]
-                for step, start in pairs:
-                    run = GapRun(scene, clearance, restitution, variant, step, t_end, start)
-                    runs.setdefault(run.key, run)
+        restitutions = [
+            restitution
+            for restitution in entry.restitutions_of(scene)
+            if restitution == 0.0 or has_restitution
+        ]
+        steps = _scaled_steps(entry, scene)
+        steps_and_starts = [(step, 0) for step in steps]
+        steps_and_starts += [(steps[0], start) for start in range(1, entry.starts + 1)]
+        for clearance, restitution, (step, start) in product(
+            entry.clearances, restitutions, steps_and_starts
+        ):
+            run = GapRun(scene, clearance, restitution, variant, step, t_end, start)
+            runs.setdefault(run.key, run)
     return list(runs.values())
 
 
@@ -222,11 +244,9 @@ def flight_runs(scope: Scope, scene: Scene, variant: Variant) -> list[GapRun]:
         if not _takes_part(entry, scene, variant, scope):
             continue
         t_end = min(ratio * (entry.t_end or data.window), end)
-        for clearance in entry.clearances:
-            for step in entry.steps:
-                scaled = float(f"{ratio * step:.{STEP_DIGITS}g}")
-                run = GapRun(scene, clearance, 0.0, variant, scaled, t_end)
-                runs.setdefault(run.key, run)
+        for clearance, step in product(entry.clearances, _scaled_steps(entry, scene)):
+            run = GapRun(scene, clearance, 0.0, variant, step, t_end)
+            runs.setdefault(run.key, run)
     return list(runs.values())
 
 
@@ -253,25 +273,28 @@ def plan(scope: Scope) -> Comparison[Tables]:
         for variant in methods.able
         for run in flight_runs(scope, scene, variant)
     ]
-    # The longest runs begin first, so that none of them is left alone at the end.
+    # The longest runs begin first, so that no long run is still in progress when all others have ended.
     effects.sort(key=lambda run: run.t_end / run.step, reverse=True)
     tasks = [Task(run.key, clearance_effect, (run,)) for run in effects]
     tasks += [Task(f"{run.key}, flights", measured_flights, (run,)) for run in flights]
 
     def tabulate(outcomes: Sequence[Outcome]) -> Tables:
-        rows = [_run_row(run, outcome) for run, outcome in zip(effects, outcomes)]
+        effect_outcomes = outcomes[: len(effects)]
+        rows = [
+            _run_row(run, outcome) for run, outcome in zip(effects, effect_outcomes, strict=True)
+        ]
         rows += list(_unable_rows(methods, scenes, scope))
         runs = pd.DataFrame(rows)
         table = effects_table(runs)
         limits = limits_table(table, load_data().limit)
-        flown, efforts = _flight_tables(flights, outcomes[len(effects) :])
+        measured, efforts = _flight_tables(flights, outcomes[len(effects) :])
         return Tables(
             {
                 "clearance": table,
                 "clearance-limits": limits,
-                "clearance-claims": claims_table(Measured(table, limits, runs)),
-                "clearance-flights": flown,
-                "clearance-exponents": exponents_table(flown),
+                "clearance-claims": claims_table(ClaimTables(table, limits, runs)),
+                "clearance-flights": measured,
+                "clearance-exponents": exponents_table(measured),
                 "clearance-efforts": efforts,
                 "clearance-runs": runs,
             }
@@ -281,8 +304,8 @@ def plan(scope: Scope) -> Comparison[Tables]:
 
 
 def _run_row(run: GapRun, outcome: Outcome) -> dict[str, Any]:
-    """Return the row of a run; one that failed has no numbers, only a reason."""
-    # The value of the outcome is no trajectory, but the measured columns.
+    """Return the row of a run; the row of a failed run contains its reason, but no measured columns."""
+    # `Record` expects a trajectory as the value of an outcome; here it consists of the measured columns.
     record = Record(run.key, run.scene.name, run.variant, run.step, replace(outcome, value=None))
     return {
         **record.describe(),
@@ -298,10 +321,16 @@ def _command(run: GapRun) -> str | None:
     """Return the command that repeats a run; None for a perturbed start, which has no scene of its own."""
     if run.start:
         return None
-    options = [("fidelity", "contact"), ("dt", f"{run.step:g}"), ("t-end", f"{run.t_end:g}")]
+    options = [
+        ("fidelity", "contact"),
+        ("dt", f"{run.step:.{STEP_DIGITS}g}"),
+        ("t-end", f"{run.t_end:.{STEP_DIGITS}g}"),
+    ]
+    overrides = physics_overrides(run.scene, has_static_coefficient(run.variant))
+    options += [("set", f"{path}={as_given(value)}") for path, value in overrides.items()]
     for name in guides_with_gaps(run.scene):
-        options.append(("set", f"{name}.clearance={run.clearance:g}"))
-        options.append(("set", f"{name}.restitution={run.restitution:g}"))
+        options.append(("set", f"{name}.clearance={run.clearance:.{STEP_DIGITS}g}"))
+        options.append(("set", f"{name}.restitution={run.restitution:.{STEP_DIGITS}g}"))
     for name, value in run.variant.settings.items():
         options.append(("setting", f"{name}={as_given(value)}"))
     return run_command(run.scene.name, run.variant.engine, options)
@@ -315,27 +344,22 @@ def _unable_rows(
     for scene in scenes:
         for variant, status, reason in methods.unable:
             if any(_takes_part(entry, scene, variant, scope) for entry in data.effect):
-                yield _refusal(scene, variant, status, reason, 0.0)
-    for scene in scenes:
-        for variant in methods.able:
-            if takes_restitution(variant):
-                continue
-            asked = {
-                restitution
-                for entry in data.effect
-                if _takes_part(entry, scene, variant, scope)
-                for restitution in entry.restitutions_of(scene)
-                if restitution
-            }
-            for restitution in sorted(asked):
-                reason = "its contacts have no coefficient of restitution"
-                yield _refusal(scene, variant, Status.REFUSED, reason, restitution)
+                yield _unmade_row(scene, variant, status, reason, 0.0)
+    reason = "its contacts have no coefficient of restitution"
+    without_restitution = [variant for variant in methods.able if not takes_restitution(variant)]
+    for scene, variant in product(scenes, without_restitution):
+        restitutions: set[float] = set()
+        for entry in data.effect:
+            if _takes_part(entry, scene, variant, scope):
+                restitutions.update(entry.restitutions_of(scene))
+        for restitution in sorted(restitutions - {0.0}):
+            yield _unmade_row(scene, variant, Status.REFUSED, reason, restitution)
 
 
-def _refusal(
+def _unmade_row(
     scene: Scene, variant: Variant, status: Status, reason: str, restitution: float
 ) -> dict[str, Any]:
-    """Return the row of runs that are not made."""
+    """Return the row that stands for all runs of a method which are not made, for one restitution."""
     return {
         "scene": scene.name,
         "variant": variant.label,
@@ -353,11 +377,14 @@ def _refusal(
 def _flight_tables(
     runs: Sequence[GapRun], outcomes: Sequence[Outcome]
 ) -> tuple[pd.DataFrame, pd.DataFrame]:
-    """Return the tables of flights and of efforts around one of them; a run that failed is a row with its reason."""
-    flown: list[dict[str, Any]] = []
-    efforts: list[dict[str, Any]] = []
+    """Return the table of flights, and that of efforts around one flight of each run.
+
+    A run that failed has one row with its reason in the table of flights.
+    """
+    flight_rows: list[dict[str, Any]] = []
+    effort_rows: list[dict[str, Any]] = []
     for run, outcome in zip(runs, outcomes, strict=True):
-        about = {
+        run_columns = {
             "scene": run.scene.name,
             "variant": run.variant.label,
             "engine": label_of(run.variant.engine),
@@ -368,12 +395,12 @@ def _flight_tables(
             "key": outcome.label,
         }
         if outcome.value is None:
-            flown.append({**about, "why_none": outcome.reason})
+            flight_rows.append({**run_columns, WHY_NONE: outcome.reason})
             continue
-        flights, samples = outcome.value
-        flown += [{**about, **row} for row in flights]
-        efforts += [{**about, **row} for row in samples]
-    return pd.DataFrame(flown), pd.DataFrame(efforts)
+        flights, efforts = outcome.value
+        flight_rows += [{**run_columns, **flight} for flight in flights]
+        effort_rows += [{**run_columns, **effort} for effort in efforts]
+    return pd.DataFrame(flight_rows), pd.DataFrame(effort_rows)
 
 
 STUDY = Study(

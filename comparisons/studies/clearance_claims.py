@@ -1,7 +1,7 @@
 """Verdicts on published statements about clearance, from the effects that the study `clearance` measures.
 
-``data/clearance_claims.toml`` quotes each statement with its source and names the measure that tests it. Like a measure
-of the paper's statements, it returns a margin, which is positive where the statement holds.
+``data/clearance_claims.toml`` quotes each statement with its source and names the measure that tests it. As in the
+study `claims`, a measure returns a margin, which is positive if the statement holds.
 """
 
 from __future__ import annotations
@@ -46,7 +46,7 @@ PUBLISHED_RESTITUTION = 0.4
 CONFIGURATIONS = ("flight_share", "one_corner_share", "adjacent_share", "opposite_share")
 """Columns with the parts of the time of the four configurations of a slider in a gap."""
 NOT_SIMULATED = "the slider-crank was not simulated, or its steps do not resolve this"
-"""Reason why a statement about the slider-crank is not decided."""
+"""Reason why a statement about the slider-crank is not decided, which applies if its rows are missing."""
 
 
 class ClearanceClaim(Model):
@@ -61,13 +61,15 @@ class ClearanceClaim(Model):
 
 
 @dataclass(frozen=True)
-class Measured:
-    """The tables from which statements are tested.
+class ClaimTables:
+    """The tables with which statements are tested.
 
     Attributes
     ----------
-    effects, limits, runs : DataFrame
-        Tables of `clearance_tables`, and the runs.
+    effects, limits : DataFrame
+        Tables by `effects_table` and `limits_table` of `clearance_tables`.
+    runs : DataFrame
+        One row per run.
     """
 
     effects: pd.DataFrame
@@ -92,7 +94,7 @@ def _unknown(reason: str) -> ClaimMargin:
     return ClaimMargin(math.nan, why=reason)
 
 
-def all_configurations(measured: Measured) -> ClaimMargin:
+def all_configurations(measured: ClaimTables) -> ClaimMargin:
     """Test that each of the four configurations of a slider in a gap lasts for a part of the time in some motion."""
     shares = measured.effects.reindex(columns=list(CONFIGURATIONS)).dropna()
     if shares.empty:
@@ -101,48 +103,53 @@ def all_configurations(measured: Measured) -> ClaimMargin:
     return ClaimMargin(float(longest.min()), bool((longest > 0.0).any()))
 
 
-def changes_motion(measured: Measured) -> ClaimMargin:
+def changes_motion(measured: ClaimTables) -> ClaimMargin:
     """Test that the clearance changes the position by more than the uncertainty of this change, with every method."""
     rows = measured.published_rows(measured.effects)
     columns = [POSITION, uncertainty_of(POSITION)]
     changes = rows.reindex(columns=columns).dropna()
     if changes.empty:
         return _unknown(NOT_SIMULATED)
-    margins = changes[columns[0]] - changes[columns[1]]
+    margins = changes[POSITION] - changes[uncertainty_of(POSITION)]
     return ClaimMargin(float(margins.min()), bool((margins > 0.0).any()))
 
 
-def is_negligible(measured: Measured) -> ClaimMargin:
+def is_negligible(measured: ClaimTables) -> ClaimMargin:
     """Test that there is a clearance below which the mean driving effort hardly changes, in each of the paper's cases.
 
-    Of several methods the one with the smallest clearance counts.
+    The margin is the smallest of these clearances among all cases and methods. Simulations can confirm that one exists,
+    but cannot refute it: if none was determined, smaller clearances may still have one, and the statement is undecided.
     """
     limits = measured.limits
     if limits.empty or LIMIT_LOW not in limits:
         return _unknown("no clearance was determined")
-    known = limits[limits["scene"].isin(PAPERS_CASES) & limits[LIMIT_LOW].notna()]
-    missing = sorted(set(PAPERS_CASES) - set(known["scene"]))
+    determined = limits[limits["scene"].isin(PAPERS_CASES) & limits[LIMIT_LOW].notna()]
+    missing = sorted(set(PAPERS_CASES) - set(determined["scene"]))
     if missing:
         return _unknown(f"no clearance was determined for {', '.join(missing)}")
-    return ClaimMargin(float(known[LIMIT_LOW].min()))
+    return ClaimMargin(float(determined[LIMIT_LOW].min()))
 
 
-def overlap_grows(measured: Measured) -> ClaimMargin:
-    """Test that the largest overlap grows as the step is reduced, from the coarsest to the finest step of a method."""
+def overlap_grows(measured: ClaimTables) -> ClaimMargin:
+    """Test that the largest overlap grows as the step is reduced, from the coarsest to the finest step of each method.
+
+    The margin is the smallest relative growth.
+    """
     runs = measured.published_rows(measured.runs)
     if runs.empty or "largest_overlap" not in runs:
         return _unknown(NOT_SIMULATED)
     growths = []
-    for _, own in runs[runs[START] == 0].groupby("variant", sort=False):
-        ordered = own.sort_values("step", ascending=False)["largest_overlap"].to_numpy(float)
-        if len(ordered) > 1 and ordered[0] > 0.0:
-            growths.append(float(ordered[-1] / ordered[0] - 1.0))
+    for _, method_runs in runs[runs[START] == 0].groupby("variant", sort=False):
+        ordered = method_runs.sort_values("step", ascending=False)
+        overlaps = ordered["largest_overlap"].to_numpy(float)
+        if len(overlaps) > 1 and overlaps[0] > 0.0:
+            growths.append(float(overlaps[-1] / overlaps[0] - 1.0))
     if not growths:
         return _unknown(NOT_SIMULATED)
     return ClaimMargin(min(growths), max(growths) > 0.0)
 
 
-MEASURES: Mapping[str, Callable[[Measured], ClaimMargin]] = {
+MEASURES: Mapping[str, Callable[[ClaimTables], ClaimMargin]] = {
     "all_configurations": all_configurations,
     "changes_motion": changes_motion,
     "is_negligible": is_negligible,
@@ -152,7 +159,7 @@ MEASURES: Mapping[str, Callable[[Measured], ClaimMargin]] = {
 MARGINS = {
     "all_configurations": "part of the time of the rarest configuration where it lasts longest; fails at 0",
     "changes_motion": "change of the slider's position less its uncertainty, m; fails at 0",
-    "is_negligible": "smallest clearance up to which the mean torque changes by less than 1 %, m; fails at 0",
+    "is_negligible": "smallest clearance up to which the mean torque changes by less than 1 %, m",
     "overlap_grows": "growth of the largest overlap from the coarsest to the finest step; fails at 0",
 }
 """Meaning of the margin of each measure."""
@@ -166,12 +173,12 @@ def clearance_claims() -> tuple[ClearanceClaim, ...]:
     return tuple(ClearanceClaim.model_validate(entry) for entry in entries)
 
 
-def claims_table(measured: Measured) -> pd.DataFrame:
+def claims_table(measured: ClaimTables) -> pd.DataFrame:
     """Return one row per statement: source, words, verdict, and the margin or the reason why there is none."""
     return pd.DataFrame([_claim_row(claim, measured) for claim in clearance_claims()])
 
 
-def _claim_row(claim: ClearanceClaim, measured: Measured) -> dict[str, Any]:
+def _claim_row(claim: ClearanceClaim, measured: ClaimTables) -> dict[str, Any]:
     """Return the row of one statement."""
     row: dict[str, Any] = {"place": claim.source, "claim": claim.words}
     if claim.contradiction:

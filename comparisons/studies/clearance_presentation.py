@@ -57,14 +57,16 @@ SPEED_LAW = 2.0 / 3.0
 POSITION_LAW = 1.0
 """Exponent of the change of the position: slider and surfaces are displaced by the clearance."""
 DETAILS = frozenset({"one_corner_share", "adjacent_share", "opposite_share", "largest_overlap"})
-"""Quantities that the Markdown report leaves out, which has room for a few columns."""
+"""Quantities that the Markdown report leaves out, because its pages have room for a few columns only."""
 SHORTEST_BAR = 0.1
-"""Lower end of an interval that contains zero, of the value, on a logarithmic axis."""
+"""Ratio to the value at which a bar ends on a logarithmic axis if the interval contains zero."""
 SHOWN_RANGE = 3.0
-"""Range of the axis of efforts around a flight on both sides of the ideal effort, in ranges of the ideal effort there.
+"""Margin of the axis of efforts above and below the ideal effort, as a multiple of the range of the ideal effort.
 
-Impulses of impacts exceed it, as their height is inversely proportional to the time between samples.
+Peaks by impacts exceed it: their height is inversely proportional to the time between samples.
 """
+SMALLEST_RANGE = 1e-3
+"""Smallest range of the ideal effort in this multiple, relative to its largest value: the effort may be constant."""
 
 
 def present(results: Results) -> Presentation:
@@ -76,30 +78,33 @@ def present(results: Results) -> Presentation:
     flights = results.table("clearance-flights")
     exponents = results.table("clearance-exponents")
     efforts = results.table("clearance-efforts")
-    answering = _answering(limits)
+    answer = _answer_rows(limits)
     rows: dict[str, Any] = {
         "answers": [],
         "method": "",
         "percent": 0.0,
         "unresolved_share": RESOLVED,
-        "grown": [_cases_row(results, limits, place) for place in _fitted(limits)],
+        "grown": [_scene_row(results, limits, place) for place in _rows_with_exponent(limits)],
         "exponents": _exponent_rows(exponents),
-        "isolated": _isolated_rows(flights),
+        "isolated": _flight_counts(flights),
         "verdicts": _verdicts(results.table("clearance-claims")),
-        "refused": _refused(effects),
-        "unresolved": _unresolved(effects),
+        "refused": _refusals(effects),
+        "unresolved": _unresolved_quantities(effects),
+        "has_perturbed_starts": _has_perturbed_starts(results.table("clearance-runs")),
         "restitution": 0.0,
         "window": None,
         "is_force": False,
     }
-    if len(answering):
-        first = answering.iloc[0]
+    if len(answer):
+        first = answer.iloc[0]
         rows["method"] = first["variant"]
         rows["restitution"] = float(first[RESTITUTION])
         rows["percent"] = 100.0 * float(first["effect_limit"])
-        rows["window"] = row_of("clearance-limits", limits, answering.index[0])
+        # The text mentions a window only if all scenes of the answer have the same one.
+        if len(answer[["window_begin", "window_end"]].drop_duplicates()) == 1:
+            rows["window"] = row_of("clearance-limits", limits, answer.index[0])
         rows["is_force"] = _unit_of_effort(results, str(first["scene"])) == "N"
-        rows["answers"] = [_cases_row(results, limits, place) for place in answering.index]
+        rows["answers"] = [_scene_row(results, limits, place) for place in answer.index]
     return Presentation(
         rows=rows,
         tables=list(_tables(results, effects, limits, exponents, flights)),
@@ -107,27 +112,30 @@ def present(results: Results) -> Presentation:
     )
 
 
-def _answering(limits: pd.DataFrame) -> pd.DataFrame:
-    """Return the rows that the answer mentions: of one method and one restitution, all scenes with a drive.
+def _answer_rows(limits: pd.DataFrame) -> pd.DataFrame:
+    """Return the rows from which the answer is made: all scenes with a drive, with one method and one restitution.
 
-    The restitution is the smallest. The method is the one with limits on most scenes; if several have as many, the one
-    with the smallest clearances, so that the answer holds for the others, too.
+    The restitution is the smallest one. The method is the one with limits on most scenes or, if several have as many,
+    the most sensitive of these: the one whose limits have the smallest geometric mean.
     """
-    concerned = limits[limits["status"].eq(Status.OK) & limits[HAS_DRIVE].eq(True)]
-    least = concerned[concerned[RESTITUTION] == concerned[RESTITUTION].min()]
-    best = least.iloc[:0]
-    best_merit = (-1, 0.0)
-    for _, rows in least.groupby("variant", sort=False):
-        known = rows[LIMIT_LOW].dropna() if LIMIT_LOW in rows else pd.Series(dtype=float)
-        smallness = -float(np.log(known).mean()) if len(known) else 0.0
-        merit = (len(known), smallness)
-        if merit > best_merit:
-            best, best_merit = rows, merit
+    comparable = limits[limits["status"].eq(Status.OK) & limits[HAS_DRIVE].eq(True)]
+    candidates = comparable[comparable[RESTITUTION] == comparable[RESTITUTION].min()]
+    best = candidates.iloc[:0]
+    best_rank = (-1, 0.0)
+    for _, rows in candidates.groupby("variant", sort=False):
+        lower_ends = rows.reindex(columns=[LIMIT_LOW])[LIMIT_LOW].dropna()
+        sensitivity = -float(np.log(lower_ends).mean()) if len(lower_ends) else 0.0
+        rank = (len(lower_ends), sensitivity)
+        if rank > best_rank:
+            best, best_rank = rows, rank
     return best
 
 
-def _cases_row(results: Results, limits: pd.DataFrame, place: int) -> dict[str, Any]:
-    """Return a row of the limits, and the number of its case in the paper, or None for other scenes."""
+def _scene_row(results: Results, limits: pd.DataFrame, place: int) -> dict[str, Any]:
+    """Return the values that the text needs about one row of the limits.
+
+    ``case`` is the number of the case in the paper, None for other scenes.
+    """
     scene = str(limits.at[place, "scene"])
     number = None
     if scene in PAPERS_CASES and results.is_of_paper(scene):
@@ -141,7 +149,7 @@ def _cases_row(results: Results, limits: pd.DataFrame, place: int) -> dict[str, 
     }
 
 
-def _fitted(limits: pd.DataFrame) -> list[int]:
+def _rows_with_exponent(limits: pd.DataFrame) -> list[int]:
     """Return the labels of the rows with an exponent of the effort."""
     if EFFORT_EXPONENT not in limits:
         return []
@@ -158,8 +166,8 @@ def _exponent_rows(exponents: pd.DataFrame) -> list[Any]:
     ]
 
 
-def _isolated_rows(flights: pd.DataFrame) -> dict[str, int]:
-    """Return the numbers of flights that were predicted, measured and isolated."""
+def _flight_counts(flights: pd.DataFrame) -> dict[str, int]:
+    """Return the numbers of flights that were predicted, measured, and measured as well as isolated."""
     if flights.empty or "event_time" not in flights:
         return {"predicted": 0, "measured": 0, "isolated": 0}
     measured = flights.get("flight_time_ratio", pd.Series(dtype=float)).notna().sum()
@@ -175,8 +183,8 @@ def _verdicts(claims: pd.DataFrame) -> dict[str, int]:
     return {} if claims.empty else claims["verdict"].value_counts(sort=False).to_dict()
 
 
-def _refused(effects: pd.DataFrame) -> list[dict[str, str]]:
-    """Return each reason for which methods are refused, with their names."""
+def _refusals(effects: pd.DataFrame) -> list[dict[str, str]]:
+    """Return each reason for which methods are refused, with the names of these methods."""
     refused = effects[effects["status"] == Status.REFUSED]
     return [
         {"reason": str(reason), "variants": ", ".join(dict.fromkeys(rows["variant"]))}
@@ -184,24 +192,30 @@ def _refused(effects: pd.DataFrame) -> list[dict[str, str]]:
     ]
 
 
-def _unresolved(effects: pd.DataFrame) -> list[dict[str, Any]]:
-    """Return each quantity that the steps do not resolve somewhere, with the number of rows and the methods."""
+def _unresolved_quantities(effects: pd.DataFrame) -> list[dict[str, Any]]:
+    """Return each quantity that the steps do not resolve in some rows, with the number of rows and the methods."""
     if UNRESOLVED not in effects:
         return []
-    named = effects[UNRESOLVED].fillna("")
+    names_by_row = [names.split(", ") for names in effects[UNRESOLVED].fillna("")]
     rows = []
     for quantity in QUANTITIES:
-        is_named = np.array([quantity in names.split(", ") for names in named])
-        if is_named.any():
+        is_unresolved = np.array([quantity in names for names in names_by_row])
+        if is_unresolved.any():
             rows.append(
                 {
+                    "quantity": quantity,
                     "label": quantity_of(quantity).label,
-                    "count": int(is_named.sum()),
+                    "count": int(is_unresolved.sum()),
                     "all": int(effects["status"].eq(Status.OK).sum()),
-                    "variants": ", ".join(dict.fromkeys(effects.loc[is_named, "variant"])),
+                    "variants": ", ".join(dict.fromkeys(effects.loc[is_unresolved, "variant"])),
                 }
             )
     return rows
+
+
+def _has_perturbed_starts(runs: pd.DataFrame) -> bool:
+    """Return whether a run from a perturbed start succeeded, so that uncertainties contain a spread over starts."""
+    return START in runs and bool((runs[START].gt(0) & runs["status"].eq(Status.OK)).any())
 
 
 def _tables(
@@ -211,11 +225,24 @@ def _tables(
     exponents: pd.DataFrame,
     flights: pd.DataFrame,
 ) -> Iterator[TableView]:
-    """Yield the tables of limits, effects, exponents, flights and runs."""
-    made = limits[~limits["status"].isin(UNMADE)]
-    yield view(
+    """Yield all tables in the order of the report."""
+    yield _limits_view(limits)
+    yield _effects_view(effects)
+    yield _claims_view(results.table("clearance-claims"))
+    if TIME_EXPONENT in exponents:
+        yield _exponents_view(exponents)
+    if "event_time" in flights:
+        yield _flights_view(flights)
+    columns = ("scene", "variant", RESTITUTION, CLEARANCE, "step", START, *QUANTITIES)
+    runs = results.table("clearance-runs")
+    yield view("clearance-runs", runs, [Column(name) for name in columns], in_report=False)
+
+
+def _limits_view(limits: pd.DataFrame) -> TableView:
+    """Return the table of limits, without the rows of runs that were not made."""
+    return view(
         "clearance-limits",
-        made,
+        limits[~limits["status"].isin(UNMADE)],
         [
             Column("scene"),
             METHOD,
@@ -228,14 +255,21 @@ def _tables(
             Column(POSITION_EXPONENT, interval=True),
         ],
     )
-    done = effects[~effects["status"].isin(UNMADE)]
+
+
+def _effects_view(effects: pd.DataFrame) -> TableView:
+    """Return the table of effects, without the rows of runs that were not made."""
     columns = [Column("scene"), METHOD, Column(RESTITUTION), Column(CLEARANCE), Column("step")]
     columns += [Column(name, brief=name not in DETAILS) for name in QUANTITIES]
     columns += [Column("cpu_time"), Column("status"), Column("reason")]
-    yield view("clearance", done, columns)
-    yield view(
+    return view("clearance", effects[~effects["status"].isin(UNMADE)], columns)
+
+
+def _claims_view(claims: pd.DataFrame) -> TableView:
+    """Return the table of published statements."""
+    return view(
         "clearance-claims",
-        results.table("clearance-claims"),
+        claims,
         [
             Column("claim", "statement"),
             Column("place", "source"),
@@ -245,50 +279,46 @@ def _tables(
             Column("why"),
         ],
     )
-    if TIME_EXPONENT in exponents:
-        yield view(
-            "clearance-exponents",
-            exponents[exponents[TIME_EXPONENT].notna()],
-            [
-                Column("scene"),
-                METHOD,
-                Column("flights"),
-                Column(TIME_EXPONENT, interval=True),
-                Column(SPEED_EXPONENT, interval=True),
-                Column("largest_time_deviation"),
-                Column("largest_speed_deviation"),
-            ],
-        )
-    if "event_time" in flights:
-        yield view(
-            "clearance-flights",
-            flights[flights["event_time"].notna()],
-            [
-                Column("scene"),
-                METHOD,
-                Column("event_time", form=".4f"),
-                Column("corner"),
-                Column("opposite_corner"),
-                Column(CLEARANCE),
-                Column("release"),
-                Column("crowding"),
-                Column("mobilization"),
-                Column("flight_time", form=".4g"),
-                Column("flight_time_ratio", form=".3f"),
-                Column("impact_speed", form=".4g"),
-                Column("impact_speed_ratio", form=".3f"),
-                Column(WHY_NONE, "why none is measured"),
-            ],
-        )
-    runs = results.table("clearance-runs")
-    yield view(
-        "clearance-runs",
-        runs,
+
+
+def _exponents_view(exponents: pd.DataFrame) -> TableView:
+    """Return the table of the methods and scenes with exponents of flights."""
+    return view(
+        "clearance-exponents",
+        exponents[exponents[TIME_EXPONENT].notna()],
         [
-            Column(name)
-            for name in ("scene", "variant", RESTITUTION, CLEARANCE, "step", START, *QUANTITIES)
+            Column("scene"),
+            METHOD,
+            Column("flights"),
+            Column(TIME_EXPONENT, interval=True),
+            Column(SPEED_EXPONENT, interval=True),
+            Column("largest_time_deviation"),
+            Column("largest_speed_deviation"),
         ],
-        in_report=False,
+    )
+
+
+def _flights_view(flights: pd.DataFrame) -> TableView:
+    """Return the table of the predicted flights, without the rows of runs that failed."""
+    return view(
+        "clearance-flights",
+        flights[flights["event_time"].notna()],
+        [
+            Column("scene"),
+            METHOD,
+            Column("event_time", form=".4f"),
+            Column("corner"),
+            Column("opposite_corner"),
+            Column(CLEARANCE),
+            Column("release"),
+            Column("crowding"),
+            Column("mobilization"),
+            Column("flight_time", form=".4g"),
+            Column("flight_time_ratio", form=".3f"),
+            Column("impact_speed", form=".4g"),
+            Column("impact_speed_ratio", form=".3f"),
+            Column(WHY_NONE, "why none is measured"),
+        ],
     )
 
 
@@ -313,25 +343,27 @@ def _effort_chart(results: Results, efforts: pd.DataFrame) -> Chart | None:
     unit = _unit_of_effort(results, str(first["scene"]))
     curves = []
     impulses = []
-    ideal = None
-    for clearance, rows in sorted(
-        chosen.groupby(CLEARANCE, sort=False), key=lambda pair: -float(str(pair[0]))
-    ):
+    longest = chosen.iloc[:0]
+    for clearance in sorted(chosen[CLEARANCE].unique(), reverse=True):
+        rows = chosen[chosen[CLEARANCE] == clearance]
         finest = rows[rows["step"] == rows["step"].min()].sort_values("time_after_release")
         time = MILLI * finest["time_after_release"].to_numpy()
-        value = finest["effort_value"].to_numpy()
-        exact = finest["ideal_effort"].to_numpy()
-        label = f"c = {MILLI * float(str(clearance)):g} mm"
-        curves.append(Series(label, time, value, look=label))
-        # The integral of the difference: each impact is a step of it, whose height does not depend on any step.
+        effort = finest["effort_value"].to_numpy()
+        difference = effort - finest["ideal_effort"].to_numpy()
+        label = f"c = {MILLI * clearance:g} mm"
+        curves.append(Series(label, time, effort, look=label))
+        # An impact is a jump of the integral, whose height depends neither on the step nor on the samples.
         spacing = np.gradient(time) if len(time) > 1 else np.zeros(len(time))
-        impulses.append(Series("", time, np.cumsum((value - exact) * spacing), look=label))
-        if ideal is None or len(time) > len(ideal.x):
-            ideal = Series("ideal joint", time, exact, look=TRUTH)
-    if ideal is None or len(ideal.x) < 2:
+        impulses.append(Series("", time, np.cumsum(difference * spacing), look=label))
+        # Runs that end earlier contain a part of the ideal effort.
+        if len(finest) > len(longest):
+            longest = finest
+    if len(longest) < 2:
         return None
-    margin = SHOWN_RANGE * max(float(np.ptp(ideal.y)), 1e-3 * float(np.max(np.abs(ideal.y))))
-    limits = (float(ideal.y.min()) - margin, float(ideal.y.max()) + margin)
+    exact = longest["ideal_effort"].to_numpy()
+    ideal = Series(
+        "ideal joint", MILLI * longest["time_after_release"].to_numpy(), exact, look=TRUTH
+    )
     axis = Axis("time after the release [ms]")
     return Chart(
         "clearance-torque",
@@ -339,7 +371,7 @@ def _effort_chart(results: Results, efforts: pd.DataFrame) -> Chart | None:
             Panel(
                 "",
                 axis,
-                Axis(f"effort of the drive [{unit}]", limits=limits),
+                Axis(f"effort of the drive [{unit}]", limits=_axis_limits(exact)),
                 [*curves, ideal],
                 lines=(0.0,),
             ),
@@ -352,8 +384,15 @@ def _effort_chart(results: Results, efforts: pd.DataFrame) -> Chart | None:
     )
 
 
+def _axis_limits(ideal_effort: np.ndarray) -> tuple[float, float]:
+    """Return the ends of the axis of efforts around a stretch of the ideal effort, shape (samples,)."""
+    smallest_range = SMALLEST_RANGE * float(np.max(np.abs(ideal_effort)))
+    margin = SHOWN_RANGE * max(float(np.ptp(ideal_effort)), smallest_range)
+    return float(ideal_effort.min()) - margin, float(ideal_effort.max()) + margin
+
+
 def _unit_of_effort(results: Results, scene_name: str) -> str:
-    """Return the unit of the effort of the first drive of a scene; N m for a scene that is not known any more."""
+    """Return the unit of the effort of the first drive of a scene; N m if the results do not contain the scene."""
     scene = results.scene(scene_name)
     if scene is None or not scene.drives:
         return "N m"
@@ -390,17 +429,17 @@ def _effect_series(
 ) -> Iterator[Series]:
     """Yield the effect of each method and restitution in one scene, and a line with the slope of the law.
 
-    The line passes through the mean of the first series in logarithms. Series with the `least` restitution of all
-    scenes have the look of their method.
+    The line passes through the mean of the logarithms of the first series. `least` is the smallest restitution in all
+    scenes; series with it have the look of their method.
     """
     law = None
     for (variant, restitution), group in rows.groupby(["variant", RESTITUTION], sort=False):
-        known = group[group[name].gt(0.0)].sort_values(CLEARANCE)
-        if known.empty:
+        positive = group[group[name].gt(0.0)].sort_values(CLEARANCE)
+        if positive.empty:
             continue
-        x = known[CLEARANCE].to_numpy(float)
-        y = known[name].to_numpy(float)
-        uncertainty = known[uncertainty_of(name)].to_numpy(float)
+        x = positive[CLEARANCE].to_numpy(float)
+        y = positive[name].to_numpy(float)
+        uncertainty = positive[uncertainty_of(name)].to_numpy(float)
         label = f"{variant}, e = {restitution:g}"
         yield Series(
             label,

@@ -46,33 +46,39 @@ QUANTITIES = (
     "impact_count",
     "impact_speed",
 )
-"""Numbers of a run whose change by halving the step is examined."""
+"""Columns of a run whose values are given only if the steps resolve them."""
 RESOLVED = 0.25
-"""Largest change of a number by the last halving of the step, of itself, with which it counts as resolved.
+"""Largest relative change by the last halving of the step for which a number counts as resolved.
 
-An effect that grows with the power 2/3 of the clearance then determines the clearance of a given effect to within a
-factor of 1.4.
+For an effect that grows with the power 2/3 of the clearance, a change by 25 % moves the clearance of a given effect by
+a factor of 1.25^(3/2) = 1.4.
 """
 STEPS_OF_RANGE = 3
-"""Number of the finest steps over which the range of a number is its uncertainty."""
+"""Number of the finest steps whose range of values is part of the uncertainty."""
 LIMIT = "limit_clearance"
 """Column: clearance at which the change of the effort reaches the limit, m."""
 LIMIT_LOW = "limit_clearance_low"
+"""Column: clearance at which this change plus its uncertainty reaches the limit, m."""
 LIMIT_HIGH = "limit_clearance_high"
-"""Columns: the same for the upper and the lower end of the uncertainty of the effort, m."""
+"""Column: clearance at which this change minus its uncertainty reaches the limit, m."""
 HAS_DRIVE = "has_drive"
-"""Column: whether the scene has a drive, whose effort can be compared."""
+"""Column: whether the scene has a drive whose effort can be compared, because that of ideal joints is not zero."""
 WHY_NONE = "why_none"
-"""Column: why there is no limit, or no measured flight."""
+"""Column: why there is no limit, no exponent or no measured flight."""
+NO_EFFORT = "the scene has no drive, or its effort with ideal joints is zero"
+"""Reason why there is no limit where no effort can be compared."""
 EFFORT_EXPONENT = "effort_exponent"
+"""Column: exponent of the change of the effort over the clearance."""
 POSITION_EXPONENT = "slider_exponent"
+"""Column: exponent of the change of the slider's position over the clearance."""
 TIME_EXPONENT = "flight_time_exponent"
+"""Column: exponent of the times of isolated flights over the clearance."""
 SPEED_EXPONENT = "impact_speed_exponent"
-"""Columns: exponents over the clearance."""
+"""Column: exponent of the impact speeds after isolated flights over the clearance."""
 ISOLATED = 0.2
 """Crowding below which a flight counts as isolated: no other event of the ideal motion is nearer than five flights."""
 MOST_MOBILIZED = 1.0
-"""Mobilization up to which the corner about which a slider turns can stay at rest."""
+"""Largest mobilization for which the corner about which a slider turns stays at rest, as the law assumes."""
 
 
 def uncertainty_of(column: str) -> str:
@@ -81,7 +87,9 @@ def uncertainty_of(column: str) -> str:
 
 
 def effects_table(runs: pd.DataFrame) -> pd.DataFrame:
-    """Return one row per scene, method, restitution and clearance: numbers that the steps resolve.
+    """Return one row per scene, method, restitution and clearance, with the numbers that the steps resolve.
+
+    Scenes and methods keep the order of the runs; clearances descend.
 
     Parameters
     ----------
@@ -90,7 +98,7 @@ def effects_table(runs: pd.DataFrame) -> pd.DataFrame:
     """
     if runs.empty:
         return pd.DataFrame()
-    # Rows of runs that are not made lack the columns of runs; where there are no others, the table does.
+    # Rows of runs that are not made have no value in these columns; a table of such rows alone does not have them.
     lacking = [name for name in (CLEARANCE, "step", "cpu_time") if name not in runs]
     runs = runs.assign(**dict.fromkeys(lacking, math.nan))
     rows = [
@@ -105,38 +113,47 @@ def effects_table(runs: pd.DataFrame) -> pd.DataFrame:
         ascending=[True, True, True, False],
         kind="stable",
         ignore_index=True,
-        key=lambda column: (
-            pd.Categorical(column, column.unique(), ordered=True).codes
-            if column.name in ("scene", "variant")
-            else column
-        ),
+        key=_sort_key,
     )
+
+
+def _sort_key(column: pd.Series) -> pd.Series:
+    """Return the values by which a column is sorted: names in order of appearance, numbers as they are."""
+    if column.name in ("scene", "variant"):
+        codes, _ = pd.factorize(column)
+        return pd.Series(codes, index=column.index)
+    return column
 
 
 def _effect_row(group: pd.DataFrame) -> dict[str, Any]:
     """Return the row of the runs of one method with one gap; `group` contains all steps and starts."""
     succeeded = group[group["status"] == Status.OK]
-    own = succeeded[succeeded[START] == 0].sort_values("step", ascending=False)
-    first = group.iloc[0] if own.empty else own.iloc[-1]
+    # Runs from the start of the scene, from the coarsest to the finest step.
+    unperturbed = succeeded[succeeded[START] == 0].sort_values("step", ascending=False)
+    finest = group.iloc[0] if unperturbed.empty else unperturbed.iloc[-1]
     row: dict[str, Any] = {
-        name: first[name]
+        name: finest[name]
         for name in ("scene", "variant", "engine", "fidelity", CLEARANCE, RESTITUTION, "step")
     }
-    row |= {name: first.get(name) for name in ("window_begin", "window_end")}
+    row |= {name: finest.get(name) for name in ("window_begin", "window_end")}
     row["runs"] = len(succeeded)
-    row["cpu_time"] = first.get("cpu_time")
+    row["cpu_time"] = finest.get("cpu_time")
     failed = group[group["status"] != Status.OK]
     row["status"], row["reason"] = Status.OK, ""
-    if len(own) < 2:
-        # A single step does not tell how far its numbers are from the limit.
+    if len(unperturbed) < 2:
+        # The error of a number cannot be estimated from a single step.
         row["status"] = Status.FAILED if failed.empty else failed["status"].iloc[0]
         row["reason"] = "one step only" if failed.empty else failed["reason"].iloc[0]
         return row
+    if not failed.empty:
+        # The numbers are those of the other runs, so that their uncertainty contains fewer steps or starts.
+        first_reason = failed["reason"].iloc[0]
+        row["reason"] = f"{len(failed)} of {len(group)} runs failed: {first_reason}"
     unresolved = []
     for name in QUANTITIES:
-        if name not in own or own[name].isna().any():
+        if name not in unperturbed or unperturbed[name].isna().any():
             continue
-        value, uncertainty = _resolved(own[name].to_numpy(float))
+        value, uncertainty = _resolved_value(unperturbed[name].to_numpy(float))
         if math.isnan(value):
             unresolved.append(name)
         else:
@@ -146,8 +163,8 @@ def _effect_row(group: pd.DataFrame) -> dict[str, Any]:
     return row
 
 
-def _resolved(values: np.ndarray) -> tuple[float, float]:
-    """Return the value at the finest step and its range over the last steps; nan if the last halving changes it.
+def _resolved_value(values: np.ndarray) -> tuple[float, float]:
+    """Return the value at the finest step and its range over the last steps; NaNs if the steps do not resolve it.
 
     `values` are ordered from the coarsest to the finest step.
     """
@@ -158,7 +175,7 @@ def _resolved(values: np.ndarray) -> tuple[float, float]:
 
 
 def _spread(succeeded: pd.DataFrame, name: str) -> float:
-    """Return the largest change of a number by a perturbed start, at the step of these starts; 0 without any."""
+    """Return the largest change of a number by a perturbed start, at the step of that start; 0 without such starts."""
     spread = 0.0
     for _, runs in succeeded.groupby("step"):
         unperturbed = runs.loc[runs[START] == 0, name]
@@ -170,14 +187,14 @@ def _spread(succeeded: pd.DataFrame, name: str) -> float:
 
 @dataclass(frozen=True)
 class Crossing:
-    """A clearance at which an effect reaches a limit.
+    """The clearance at which an effect reaches a limit.
 
     Attributes
     ----------
     clearance, low, high : float
-        The clearance, and the ends of its interval, m; nan without one.
+        The clearance, and the ends of its interval, m; NaN if it is not determined.
     why_none : str
-        Why there is none; empty otherwise.
+        Why it is not determined; empty otherwise.
     """
 
     clearance: float = math.nan
@@ -192,17 +209,17 @@ def crossing(
     uncertainties: Sequence[float],
     limit: float,
 ) -> Crossing:
-    """Return the clearance up to which an effect stays below a limit.
+    """Return the smallest clearance at which an effect reaches a limit.
 
-    Between two clearances of the grid the effect is interpolated by the power law through both. The ends of the
-    interval belong to the effect plus and minus its uncertainty.
+    Between two clearances of the grid the effect is interpolated by the power law through both. At the lower end of the
+    interval the effect plus its uncertainty reaches the limit, at the upper end the effect minus its uncertainty.
 
     Parameters
     ----------
     clearances : sequence of float
         Ascending, m.
     effects, uncertainties : sequence of float
-        The effect at each clearance, and its uncertainty; nan where it is not resolved.
+        The effect at each clearance, and its uncertainty; NaN where it is not resolved.
     limit : float
         The limit, in the unit of the effect.
     """
@@ -239,20 +256,27 @@ def _first_crossing(clearances: np.ndarray, effects: np.ndarray, limit: float) -
 
     The first effect is below the limit, and the last one is not.
     """
-    place = int(np.argmax(effects >= limit))
-    # An effect of zero has no logarithm, and the power law through it is a step at the larger clearance.
-    if effects[place - 1] <= 0.0:
-        return float(clearances[place])
-    x = np.log(clearances[place - 1 : place + 1])
-    y = np.log(effects[place - 1 : place + 1])
+    end = int(np.argmax(effects >= limit))
+    # An effect of zero has no logarithm; in the limit of small effects the power law is a step at the larger clearance.
+    if effects[end - 1] <= 0.0:
+        return float(clearances[end])
+    x = np.log(clearances[end - 1 : end + 1])
+    y = np.log(effects[end - 1 : end + 1])
     part = (math.log(limit) - y[0]) / (y[1] - y[0])
     return float(np.exp(x[0] + part * (x[1] - x[0])))
 
 
 def limits_table(effects: pd.DataFrame, limit: float) -> pd.DataFrame:
-    """Return one row per scene, method and restitution: the clearance of a given effect, and exponents of effects.
+    """Return one row per scene, method and restitution: the clearance at the limit, and exponents of effects.
 
-    Scenes without a drive, and methods without any result, have rows that say so.
+    The rows of scenes without a drive, and of methods without results, contain the reason why there is no clearance.
+
+    Parameters
+    ----------
+    effects : DataFrame
+        The table by `effects_table`.
+    limit : float
+        Relative change of the mean effort of the drive.
     """
     rows = []
     for (scene, variant, restitution), group in _groups(effects, ["scene", "variant", RESTITUTION]):
@@ -279,18 +303,17 @@ def limits_table(effects: pd.DataFrame, limit: float) -> pd.DataFrame:
 
 
 def _groups(table: pd.DataFrame, by: list[str]) -> Iterator[tuple[Any, pd.DataFrame]]:
-    """Yield the groups of a table, which may be empty and then lacks the columns."""
+    """Yield the groups of a table; none of an empty table, which does not have the columns."""
     if not table.empty:
         yield from table.groupby(by, sort=False, dropna=False)
 
 
 def _limit_columns(succeeded: pd.DataFrame, limit: float) -> dict[str, Any]:
-    """Return the columns of the clearance at which the effort reaches a limit; rows are in ascending order of it."""
-    # Where the steps do not resolve the effort, it is missing, too, but then it is named as unresolved.
-    named = succeeded[UNRESOLVED].str.split(", ").map(set)
-    is_unresolved = any(EFFORT in names for names in named)
+    """Return the columns of the clearance at which the effort reaches a limit; rows have ascending clearances."""
+    # The effort is missing without a drive, but also where the steps do not resolve it.
+    is_unresolved = any(EFFORT in names.split(", ") for names in succeeded[UNRESOLVED])
     if EFFORT not in succeeded or (succeeded[EFFORT].isna().all() and not is_unresolved):
-        return {HAS_DRIVE: False, WHY_NONE: "the scene has no drive"}
+        return {HAS_DRIVE: False, WHY_NONE: NO_EFFORT}
     limit_crossing = crossing(
         succeeded[CLEARANCE].to_list(),
         succeeded[EFFORT].to_list(),
@@ -314,23 +337,23 @@ def _exponent_columns(rows: pd.DataFrame, name: str, exponent: str) -> dict[str,
     """
     if name not in rows:
         return {}
-    known = rows[rows[name].gt(rows[uncertainty_of(name)])]
-    clearances, sizes = known[CLEARANCE].to_numpy(float), known[name].to_numpy(float)
+    significant = rows[rows[name].gt(rows[uncertainty_of(name)])]
+    clearances = significant[CLEARANCE].to_numpy(float)
+    sizes = significant[name].to_numpy(float)
     fit = fitted_exponent([(clearances, sizes)])
     if fit is None:
         return {}
+    # The slope is the sum of x log(size) over that of x^2, so that a point moves it by |x| times its relative change.
     x = np.log(clearances) - np.log(clearances).mean()
-    relative = known[uncertainty_of(name)].to_numpy(float) / sizes
+    relative = significant[uncertainty_of(name)].to_numpy(float) / sizes
     by_points = float(np.sum(np.abs(x) * relative) / (x @ x))
     return {exponent: fit.value, uncertainty_of(exponent): fit.uncertainty + by_points}
 
 
 def exponents_table(flights: pd.DataFrame) -> pd.DataFrame:
-    """Return one row per scene and method: exponents of isolated flights over the clearance.
+    """Return one row per scene and method: exponents over the clearance of the flights by `isolated_flights`.
 
-    Each flight has a constant of its own, and all flights of a method on a scene have the same exponent. Flights are
-    those after a zero of the force whose crowding is below `ISOLATED` and whose mobilization is at most
-    `MOST_MOBILIZED`.
+    All flights of a method on a scene have the same exponent, and each has a constant of its own.
     """
     rows = []
     for (scene, variant), group in _groups(flights, ["scene", "variant"]):
@@ -347,20 +370,30 @@ def exponents_table(flights: pd.DataFrame) -> pd.DataFrame:
         row["flights"] = len(series)
         row["largest_time_deviation"] = float((measured["flight_time_ratio"] - 1.0).abs().max())
         row["largest_speed_deviation"] = float((measured["impact_speed_ratio"] - 1.0).abs().max())
-        for name, exponent in (
-            ("flight_time", TIME_EXPONENT),
-            ("impact_speed", SPEED_EXPONENT),
-        ):
-            pairs = [(one[CLEARANCE].to_numpy(float), one[name].to_numpy(float)) for one in series]
-            fit = fitted_exponent(pairs) if pairs else None
-            if fit is not None:
+        row[WHY_NONE] = "" if series else "one clearance only"
+        for name, exponent in (("flight_time", TIME_EXPONENT), ("impact_speed", SPEED_EXPONENT)):
+            if not series:
+                break
+            fit = fitted_exponent(
+                [
+                    (flight[CLEARANCE].to_numpy(float), flight[name].to_numpy(float))
+                    for flight in series
+                ]
+            )
+            if fit is None:
+                row[WHY_NONE] = "too few measured flights for a fit"
+            else:
                 row[exponent], row[uncertainty_of(exponent)] = fit.value, fit.uncertainty
-        rows.append({**row, WHY_NONE: "" if series else "one clearance only"})
+        rows.append(row)
     return pd.DataFrame(rows)
 
 
 def isolated_flights(flights: pd.DataFrame) -> pd.DataFrame:
-    """Return the measured flights to which the law applies, at the finest step of each clearance."""
+    """Return the measured flights to which the law of c^(1/3) applies, at the finest step of each clearance.
+
+    They follow a zero of the force, their crowding is below `ISOLATED`, and their mobilization is at most
+    `MOST_MOBILIZED`.
+    """
     if "flight_time_ratio" not in flights:
         return flights.iloc[:0]
     applies = (

@@ -20,16 +20,23 @@ is given in the axes of this body, from its centre of mass; a point of the groun
 FRICTION_LAW = """\
 Friction in guides. R is the normal force on the slider, positive along n, the direction turned by +90
 degrees. T is the total moment on the slider about its reference point, of the normal forces and of the
-friction of both surfaces. In a guide of the length a and the width b, the slider is a box that touches
+friction of both surfaces. It follows from the moments on the slider: if the reference point is the centre of
+mass, T is the moment of inertia times the angular acceleration, minus the moment of all other loads about it. On
+a guide that does not turn, T is therefore minus the moment of the other loads about the reference point,
+and 0 if all of them act there. In a guide of the length a and the width b, the slider is a box that touches
 the guide at its ends, at -a/2 and a/2 along the direction, on the lower or on the upper surface, at -b/2
 and b/2 along n. With d = +1 for slip along the direction and d = -1 against it, the load of the
 corners is
-    N(m, d) = max(|R|, (2/a) |T + (b/2) m d R|),
-and N = |R| in a guide without length. While the slider slips in the direction d, the friction on it is
-f = -mu d N(mu, d). While it is at rest, f is the force that keeps it at rest; it starts to slip in the
-direction d as soon as that needs |f| > mus N(mus, d), f against d. The friction of the lower surface acts at
--b/2 and has the share of the corners that touch it, that of the upper surface acts at b/2: their moment is
-part of T."""
+    N(c, d) = max(|R|, (2/a) |T + (b/2) c d R|),
+where c is the coefficient of friction, mu or mus, and N = |R| in a guide without length. While the slider
+slips in the direction d, the friction on it is f = -mu d N(mu, d). While it is at rest, f is the force that
+keeps it at rest, and d is the direction opposite to f, in which the slider would otherwise start to move. It
+stays at rest while |f| <= mus N(mus, d). When |f| would have to be larger, the slider starts to slip in the
+direction d. The friction of the lower surface acts at -b/2 and has the share of the corners that touch it,
+that of the upper surface acts at b/2: their moment is part of T."""
+MODE = """The mode of a joint is 0 while it is at rest, and otherwise the sign of its slip velocity. Where a slip
+velocity is zero only for an instant, the mode is that of the slip which follows and, in the first of two
+rows of this instant, that of the slip before it."""
 
 
 def description_of(scene: Scene, row: Mapping[str, Any]) -> str:
@@ -253,9 +260,11 @@ def _columns(data: Mapping[str, Any], row: Mapping[str, Any]) -> Iterator[str]:
             if joint["type"] == "revolute":
                 quantity = f"torque on {joint['bodies'][0]}"
                 yield f"{name}.slip_velocity"
-            yield f"{name}.friction ({quantity}), {name}.mode (0 at rest, else the sign of the slip velocity)"
+            yield f"{name}.friction ({quantity}), {name}.mode"
     for name in data["drives"]:
         yield f"{name}.effort"
+    if row["rest_speed"] is not None:
+        yield " ".join(MODE.split())
     yield (
         f"Bound of the position error: {row['position_bound']:g} m, where the error of an angle counts times "
         f"{row['mechanism_size']:.6g} m."

@@ -2,8 +2,8 @@
 
 The set that stiction contains (`stiction.comparisons.judge.benchmark`) is frozen. This module documents how its tables
 were made, and can make those of another version. It writes everything that is computed: scenes, descriptions, truths,
-the tables of all scenes, ``datapackage.json`` and checksums. The rule book, the README, the citation and the runner
-templates are written by hand; they must already be in the folder.
+the tables of all scenes, ``KEYS.md``, ``datapackage.json`` and checksums. The rule book, the README, the citation and
+the runner templates are written by hand; they must already be in the folder.
 """
 
 from __future__ import annotations
@@ -27,6 +27,7 @@ from stiction.comparisons.measures.accuracy import size_of
 from stiction.comparisons.measures.scene_truth import ground_truth
 from stiction.comparisons.measures.steady_stretch import stick_intervals
 from stiction.reports.benchmark.description import description_of
+from stiction.reports.benchmark.keys import keys_page
 from stiction.reports.benchmark.package import write_benchmark_package
 from stiction.reports.run_folder.data import write_frame
 from stiction.reports.run_folder.data_package import columns_of_table
@@ -103,6 +104,8 @@ MEMBERS = (
 )
 """Scenes of version 1: mechanisms with friction, and two without it, which show whether a solver is right apart from
 its friction."""
+KEYS = "KEYS.md"
+"""File that describes the keys of the scenes."""
 LABELS = (
     *(label for labels in BODY_COLUMNS for label in labels),
     "displacement",
@@ -355,6 +358,8 @@ def write_set(folder: Path) -> None:
         table.to_csv(folder / f"{name}.csv", index=False)
         quantities = columns_of_table(name, list(table))
         write_frame(table.reset_index(drop=True), folder / f"{name}.parquet", quantities)
+    page = keys_page(scene_of(member) for member in MEMBERS)
+    (folder / KEYS).write_text(page, encoding="utf-8")
     write_benchmark_package(folder)
     write_sums(folder)
 

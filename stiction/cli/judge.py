@@ -99,7 +99,8 @@ def judge(
             "--set": overrides,
             "--assemble": assemble,
         }
-        _judge_submission(Path(scene), [option for option, given in options.items() if given], out)
+        given = [option for option, is_given in options.items() if is_given]
+        _judge_submission(Path(scene), given, out)
         return
     from stiction.comparisons.judge.judgement import judge as judged_by
     from stiction.comparisons.judge.truth_folder import is_truth_folder
@@ -141,16 +142,10 @@ def _judge_submission(folder: Path, options: list[str], out: Path | None) -> Non
     ------
     typer.Exit
         With the code `REGRESSED` if a result is beyond its bounds or that of other parameters, and `BAD_INPUT` if a
-        result cannot be judged.
+        result cannot be judged, or if there is no result.
     """
     from stiction.comparisons.judge.benchmark import benchmark_scenes
-    from stiction.comparisons.judge.submission import (
-        DESCRIPTION,
-        UNUSABLE,
-        WRONG,
-        is_submission,
-        judge_submission,
-    )
+    from stiction.comparisons.judge.submission import UNUSABLE, WRONG, judge_submission
     from stiction.reports.run_folder.overwriting import check_folder
     from stiction.reports.submission_page import (
         MAIN,
@@ -158,12 +153,7 @@ def _judge_submission(folder: Path, options: list[str], out: Path | None) -> Non
         write_submission_judgement,
     )
 
-    if not is_submission(folder):
-        raise typer.BadParameter(
-            f"found none, and no {DESCRIPTION} in {folder}; expected a table of results of {folder}, "
-            "or the folder of a submission",
-            param_hint="RESULT",
-        )
+    _check_submission_folder(folder)
     if options:
         raise typer.BadParameter(
             "found this option with a submission; expected it with a single table",
@@ -181,17 +171,54 @@ def _judge_submission(folder: Path, options: list[str], out: Path | None) -> Non
         show(table.heads(), table.cells())
     if out is not None:
         print(write_submission_judgement(judged, out))
-    wrong, unusable = judged.count(*WRONG), judged.count(*UNUSABLE)
-    if wrong:
-        raise exit_with(
-            REGRESSED,
-            f"{folder}: {wrong} of {judged.submitted} results beyond their bounds; expected none",
-        )
-    if unusable:
+    for code, verdicts in ((REGRESSED, WRONG), (BAD_INPUT, UNUSABLE)):
+        if judged.count(*verdicts):
+            counts = [
+                f"{judged.count(verdict)} of {judged.submitted} results: {verdict}"
+                for verdict in verdicts
+                if judged.count(verdict)
+            ]
+            raise exit_with(code, f"{folder}: {'; '.join(counts)}; expected none")
+    if not judged.submitted:
         raise exit_with(
             BAD_INPUT,
-            f"{folder}: {unusable} of {judged.submitted} results cannot be judged; expected none",
+            f"{folder}: no scene was judged: found no table; expected SCENE.csv or SCENE.parquet of one or more scenes",
         )
+
+
+def _check_submission_folder(folder: Path) -> None:
+    """Raise an error if a path is not the folder of a submission; it may be the scene of a table that is missing."""
+    from stiction.comparisons.judge.submission import DESCRIPTION, is_submission
+    from stiction.comparisons.judge.truth_folder import ABOUT
+    from stiction.scenes import catalogue
+    from stiction.scenes.table_blocks import ENDINGS
+
+    if is_submission(folder):
+        return
+    is_scene = str(folder) in (*catalogue(), *catalogue("hard")) or (folder / ABOUT).is_file()
+    if is_scene or (folder.is_file() and folder.suffix == ".toml" and folder.name != DESCRIPTION):
+        raise typer.BadParameter(
+            f"found none; {folder} is a scene: expected a table of results of it as the second argument",
+            param_hint="RESULT",
+        )
+    if folder.is_file():
+        remedy = f"expected a folder, such as that of the file, {folder.parent}, with {DESCRIPTION} in it"
+        if folder.suffix in ENDINGS:
+            remedy += (
+                f"; to judge this table alone, give its scene first: stiction judge SCENE {folder}"
+            )
+        raise typer.BadParameter(f"{folder} is a file; {remedy}", param_hint="SUBMISSION")
+    if folder.is_dir():
+        raise typer.BadParameter(
+            f"found no {DESCRIPTION} in the folder {folder}; expected it beside the tables: it states who made the "
+            "submission, and how (the benchmark, written by `stiction dataset FOLDER`, contains an example)",
+            param_hint="SUBMISSION",
+        )
+    raise typer.BadParameter(
+        f"found neither a folder nor a scene {folder}; expected the folder of a submission, or a scene and a table of "
+        "its results",
+        param_hint="SUBMISSION",
+    )
 
 
 @commands.command()

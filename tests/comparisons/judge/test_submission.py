@@ -1,9 +1,11 @@
 """Submissions to the friction benchmark: right ones are within bounds, and wrong ones get the sentence that says why."""
 
-import re
+import json
+import runpy
 import shutil
 import subprocess
 import sys
+import tomllib
 from pathlib import Path
 
 import numpy as np
@@ -222,7 +224,6 @@ def test_descriptions(tmp_path, old, new, key):
 @pytest.mark.parametrize(
     ("files", "description", "key"),
     [
-        (["hold-levle.csv"], DESCRIPTION, "hold-levle.csv"),
         (["hold-level.csv", "hold-level.parquet"], DESCRIPTION, "hold-level.parquet"),
         (["hold-level.csv"], DESCRIPTION + '[declined]\nhold-level = "no"\n', "hold-level.csv"),
         ([], DESCRIPTION, "tables"),
@@ -259,47 +260,9 @@ def test_command(compiled, tmp_path):
     invoke("judge", folder, exit_code=2)
 
 
-INCLINE = """\
-    if name != "block-on-incline":
-        raise Declined("other scenes follow")
-    [body] = scene["bodies"].values()
-    guide, g = scene["joints"]["guide"], scene["gravity"]
-    d = guide["direction"]
-    a = g[0] * d[0] + g[1] * d[1] - guide["mu"] * abs(g[0] * d[1] - g[1] * d[0])
-    times = [k * step for k in range(round(scene["t_end"] / step) + 1)]
-    way = [a * t * t / 2 for t in times]
-    return {
-        "t": times,
-        "slider.x": [body["position"][0] + d[0] * s for s in way],
-        "slider.y": [body["position"][1] + d[1] * s for s in way],
-    }
-"""
-INCLINE_IN_C = """\
-    if (strcmp(name, "block-on-incline") != 0) return "other scenes follow";
-    const Json *guide = json_get(json_get(scene, "joints"), "guide");
-    const Json *d = json_get(guide, "direction"), *g = json_get(scene, "gravity");
-    double dx = json_item(d, 0), dy = json_item(d, 1), gx = json_item(g, 0), gy = json_item(g, 1);
-    double a = gx * dx + gy * dy - json_number(guide, "mu", 0) * fabs(gx * dy - gy * dx);
-    double end = json_number(scene, "t_end", NAN);
-    long rows = lround(end / step);
-    fprintf(table, "t,slider.x,slider.y\\n");
-    for (long k = 0; k <= rows; k++) {
-        double t = k * step, way = a * t * t / 2;
-        fprintf(table, "%.17g,%.17g,%.17g\\n", t, way * dx, way * dy);
-    }
-    return 0;
-"""
-
-
-def run_template(name, tmp_path, solver=""):
-    """Run a template, with the body of its solver replaced, in a folder of its own; return the submission."""
-    text = (FOLDER / name).read_text()
-    stub = re.search(
-        r'^ *(?:raise Declined|\(void\)name)[^}]*?implemented yet".*?\n', text, re.M | re.S
-    )
-    if solver:
-        text = text.replace(stub[0], solver)
-    (tmp_path / name).write_text(text)
+def run_template(name, tmp_path, edit=str):
+    """Run a template, whose text `edit` may change, in a folder of its own; return the submission."""
+    (tmp_path / name).write_text(edit((FOLDER / name).read_text()), encoding="utf-8")
     submission = tmp_path / "out"
     submission.mkdir(exist_ok=True)
     command = [sys.executable, "-I", name]
@@ -314,16 +277,196 @@ def run_template(name, tmp_path, solver=""):
     return submission
 
 
-@pytest.mark.parametrize(
-    ("template", "solver"), [("runner.py", INCLINE), ("runner.c", INCLINE_IN_C)]
-)
-def test_templates(compiled, tmp_path, template, solver):
-    empty = judge_submission(run_template(template, tmp_path))
-    assert empty.count(Verdict.DECLINED) == 20
-    judged = judge_submission(run_template(template, tmp_path, solver))
+@pytest.mark.parametrize("template", ["runner.py", "runner.c"])
+def test_templates(compiled, tmp_path, template):
+    judged = judge_submission(run_template(template, tmp_path))
     assert judged.count(Verdict.WITHIN) == 1 and judged.count(Verdict.DECLINED) == 19
     row = judged.table.set_index("scene").loc["block-on-incline"]
     assert row["position_error"] < 1e-9
+
+
+@pytest.mark.parametrize(("mus", "is_at_rest"), [(0.37, True), (0.36, False)])
+def test_the_templates_know_static_friction(tmp_path, mus, is_at_rest):
+    """The incline is at 20 degrees, so that the block is at rest with mus above tan(20 degrees) = 0.364."""
+    runner = runpy.run_path(str(FOLDER / "runner.py"))
+    scene = json.loads((SCENES["block-on-incline"].folder / "scene.json").read_text())["scene"]
+    scene["joints"]["guide"]["mus"] = mus
+    columns = runner["simulate"]("block-on-incline", scene, 0.02)
+    assert (columns["slider.x"][-1] == 0.0) == is_at_rest
+
+
+AWKWARD = {
+    "dt": 0.001,
+    "step size": 1,
+    'a "quoted" key': "a \\ backslash",
+    "lines\nand\ttabs": "\x7f and \x01",
+    "größe.µ": "é \U0001f600",
+    "": "empty",
+    "#": "",
+}
+"""Settings that are no bare keys of TOML, or whose values need escapes."""
+
+
+def random_texts(count):
+    """Random texts, mostly of characters that have a meaning in TOML, C or Python, without a null character."""
+    rng = np.random.default_rng(7)
+    letters = list("ab =.#[]{}'\"\\\n\t\r\x0b\x1f\x7f\x85\u2028µ日\U0001f600,-_0")
+    return ["".join(rng.choice(letters, rng.integers(1, 9))) for _ in range(count)]
+
+
+def c_text(text):
+    """A text as a literal of C; octal escapes end after three digits."""
+    return '"' + "".join(f"\\{byte:03o}" for byte in text.encode()) + '"'
+
+
+@pytest.mark.parametrize("template", ["runner.py", "runner.c"])
+def test_templates_write_any_settings(tmp_path, template):
+    texts = random_texts(400)
+    settings = AWKWARD | dict(zip(texts[:200], texts[200:]))
+    if template == "runner.py":
+        settings |= {"is it": True, "infinite": float("inf")}
+
+    def with_settings(text):
+        if template == "runner.py":
+            return text.replace(
+                'SETTINGS = {"dt": 0.001}', f"SETTINGS = {ascii(settings)}"
+            ).replace("import csv", 'import csv\ninf = float("inf")', 1)
+        lines = [
+            f"{{{c_text(key)}, {c_text(value)}, 0}},"
+            if isinstance(value, str)
+            else f"{{{c_text(key)}, 0, {value!r}}},"
+            for key, value in settings.items()
+        ]
+        start = text.index('    {"dt", 0, 0.001},')
+        return text[:start] + "\n".join(lines) + text[text.index("\n", start) :]
+
+    folder = run_template(template, tmp_path, with_settings)
+    written = tomllib.loads((folder / "submission.toml").read_text(encoding="utf-8"))
+    assert written["settings"] == settings
+    del settings[""]
+    text = (folder / "submission.toml").read_text(encoding="utf-8")
+    without_empty = [line for line in text.split("\n") if not line.startswith('"" =')]
+    (folder / "submission.toml").write_text("\n".join(without_empty), encoding="utf-8")
+    submission, _ = read_submission(folder)
+    assert submission.settings == settings
+
+
+def test_the_line_of_invalid_toml_is_shown(tmp_path):
+    (tmp_path / "submission.toml").write_text(DESCRIPTION + "[settings]\nstep size = 0.1\n")
+    with pytest.raises(FileError) as error:
+        read_submission(tmp_path)
+    assert "'step size = 0.1'" in str(error.value) and "quotes" in str(error.value)
+    # A key that reads like a place in the message is no place.
+    twice = '[settings."a (at line 99, column 1)"]\n'
+    (tmp_path / "submission.toml").write_text(DESCRIPTION + twice + twice)
+    with pytest.raises(FileError) as error:
+        read_submission(tmp_path)
+    assert f"in the line '{twice.strip()}'" in str(error.value)
+
+
+def test_the_example_of_a_description_is_valid(tmp_path):
+    shutil.copy(FOLDER / "submission.toml", tmp_path)
+    truth("hold-level").to_csv(tmp_path / "hold-level.csv", index=False)
+    submission, tables = read_submission(tmp_path)
+    assert set(tables) == {"hold-level"} and len(submission.settings) == 2
+
+
+def test_a_table_of_an_unknown_scene_does_not_block_the_others(compiled, tmp_path):
+    (tmp_path / "submission.toml").write_text(DESCRIPTION)
+    solved("stop-level").to_csv(tmp_path / "stop-level.csv", index=False)
+    solved("stop-level").to_csv(tmp_path / "stop-levl.csv", index=False)
+    judged = judge_submission(tmp_path)
+    rows = judged.table.set_index("scene")
+    assert len(rows) == 21
+    assert rows.loc["stop-level", "verdict"] == Verdict.WITHIN
+    assert rows.loc["stop-levl", "verdict"] == Verdict.UNKNOWN_SCENE
+    assert "did you mean 'stop-level'?" in rows.loc["stop-levl", "reason"]
+    assert judged.submitted == 2 and judged.submitted_scenes == 1
+    result = invoke("judge", tmp_path, "--out", tmp_path / "judged", exit_code=2)
+    assert "1 of 2 results within bounds; 1 of 20 scenes submitted" in result.stdout
+    assert "1 of 2 results: unknown scene" in result.stderr
+    # A submission of nothing but unknown scenes is judged, too.
+    (tmp_path / "stop-level.csv").unlink()
+    assert judge_submission(tmp_path).submitted_scenes == 0
+
+
+@pytest.mark.parametrize(
+    ("columns", "verdict", "suggestion"),
+    [
+        (
+            {"slider.y": "slider.y", "slider.x": "x"},
+            Verdict.NOT_JUDGED,
+            "x: did you mean 'slider.x'",
+        ),
+        ({"slider.x": "x"}, Verdict.NOT_A_TABLE, "x: did you mean 'slider.x'"),
+        (
+            {"slider.x": "pos_x", "slider.y": "y"},
+            Verdict.NOT_A_TABLE,
+            "pos_x: did you mean 'slider.x'",
+        ),
+        ({"slider.x": "slider_x"}, Verdict.NOT_A_TABLE, "did you mean 'slider.x'"),
+        ({"slider.y": "slider.y", "slider.x": "qq"}, Verdict.NOT_JUDGED, "no column qq"),
+    ],
+)
+def test_unknown_columns_are_named(submit, columns, verdict, suggestion):
+    table = solved("stop-level")[["t", *columns]].rename(columns=columns)
+    row = submit({"stop-level": table}).loc["stop-level"]
+    assert row["verdict"] == verdict and suggestion in row["reason"]
+
+
+def test_unknown_columns_of_a_right_table_are_a_finding(compiled, tmp_path):
+    (tmp_path / "submission.toml").write_text(DESCRIPTION)
+    # A column that the table has already is not what the heading y means.
+    table = solved("stop-level").assign(power=1.0, y=0.0)
+    table.to_csv(tmp_path / "stop-level.csv", index=False)
+    row = judge_submission(tmp_path).table.set_index("scene").loc["stop-level"]
+    assert row["verdict"] == Verdict.WITHIN and row["unknown_columns"] == "power, y"
+    result = invoke("judge", tmp_path, exit_code=0)
+    assert "stop-level: the scene has no column power, y." in result.stdout
+
+
+def test_jumps_are_counted_only_of_submitted_efforts(submit):
+    name = "slider-bar-case-1"
+    run = load_engine("reference").simulate(scene_of(name), rtol=1e-9, output_step=0.05).to_frame()
+    with_effort = submit({name: run[[*states(scene_of(name)), "motor.effort"]]}).loc[name]
+    without = submit({name: run[states(scene_of(name))]}).loc[name]
+    assert with_effort["jumps"] > 0 and with_effort["jumps_read"] >= 0
+    assert pd.isna(without["jumps"]) and pd.isna(without["jumps_read"])
+
+
+def test_declined_scenes_are_grouped_by_reason(compiled, tmp_path):
+    reasons = {"four-bar": "no loops", "slider-crank": "no loops", "hold-bar": "no bars."}
+    lines = "".join(f'{scene} = "{reason}"\n' for scene, reason in reasons.items())
+    (tmp_path / "submission.toml").write_text(DESCRIPTION + "[declined]\n" + lines)
+    # Without any table no scene is judged, which is no success.
+    nothing = invoke("judge", tmp_path, exit_code=2)
+    assert "no scene was judged; 0 of 20 scenes submitted" in nothing.stdout
+    assert "no scene was judged" in nothing.stderr
+    table = solved("stop-level")
+    mirrored = table.assign(**{"slider.x": -table["slider.x"]})
+    mirrored.to_csv(tmp_path / "stop-level.csv", index=False)
+    result = invoke("judge", tmp_path, exit_code=2)
+    assert "2 declined: no loops (slider-crank, four-bar)." in result.stdout
+    assert "1 declined: no bars (hold-bar)." in result.stdout
+    assert "16 missing: neither a table nor a reason in submission.toml (" in result.stdout
+    assert "?." not in result.stdout and ".." not in result.stdout
+    assert "1 of 1 results: other units" in result.stderr
+
+
+def test_what_is_no_submission_is_named(tmp_path):
+    (tmp_path / "stop-level.csv").write_text("t\n")
+    (tmp_path / "mine.toml").write_text("")
+    cases = {
+        tmp_path: "no submission.toml in the folder",
+        tmp_path / "stop-level.csv": "is a file",
+        tmp_path / "mine.toml": "is a scene",
+        tmp_path / "absent": "neither a folder nor a scene",
+        "mass-on-belt": "mass-on-belt is a scene",
+        SCENES["hold-level"].folder: "is a scene",
+    }
+    for path, words in cases.items():
+        result = invoke("judge", path, exit_code=2)
+        assert words in " ".join(result.stderr.split())
 
 
 def test_stored_submissions(compiled):

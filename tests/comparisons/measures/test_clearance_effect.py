@@ -7,6 +7,7 @@ from stiction.comparisons.bench.participants import variant
 from stiction.comparisons.measures.clearance_effect import (
     NUDGE,
     GapRun,
+    _effort_columns,
     clearance_effect,
     nudged,
     with_gaps,
@@ -54,6 +55,12 @@ def test_the_effort_of_a_single_step_measures_the_step(effects):
     fine = effect(1e-3, step=5e-5)
     assert fine["effort_peak"] / effects[1e-3]["effort_peak"] == pytest.approx(2, rel=0.1)
     assert fine["effort_peak_mean"] / effects[1e-3]["effort_peak_mean"] == pytest.approx(1, rel=0.1)
+
+
+def test_an_effort_is_not_compared_with_an_ideal_effort_of_zero():
+    effort = np.array([0.0, 1.0, 0.0])
+    assert _effort_columns(effort, np.zeros(3), 1.0) == {}
+    assert _effort_columns(effort, np.ones(3), 1.0)["effort_share"] == pytest.approx(2 / 3)
 
 
 def test_restitution_adds_impacts(effects):

@@ -12,8 +12,10 @@ from made_up_runs import words, wrongly_written
 from stiction.cli.exit_codes import BAD_INPUT
 from stiction.comparisons.bench.depth import Depth
 from stiction.comparisons.bench.presentation import ANSWER_LENGTH
+from stiction.comparisons.bench.presentation.cells import AGAIN
 from stiction.comparisons.bench.results import Results
 from stiction.comparisons.bench.study import Scope, Tables, union
+from stiction.comparisons.measures.clearance_effect import GapRun
 from stiction.comparisons.measures.corner_flights import Release
 from stiction.comparisons.studies import clearance
 from stiction.comparisons.studies.claims import FAILS, HOLDS, UNDECIDED
@@ -31,7 +33,7 @@ from stiction.comparisons.studies.clearance_claims import (
     CONFIGURATIONS,
     MARGINS,
     MEASURES,
-    Measured,
+    ClaimTables,
     claims_table,
     clearance_claims,
 )
@@ -39,6 +41,7 @@ from stiction.comparisons.studies.clearance_tables import (
     CLEARANCE,
     EFFORT,
     EFFORT_EXPONENT,
+    NO_EFFORT,
     POSITION,
     RESTITUTION,
     SPEED_EXPONENT,
@@ -143,7 +146,7 @@ def results_of(rows, flights=(), efforts=()):
     tables = {
         "clearance": effects,
         "clearance-limits": limits_table(effects, 0.01),
-        "clearance-claims": claims_table(Measured(effects, limits_table(effects, 0.01), runs)),
+        "clearance-claims": claims_table(ClaimTables(effects, limits_table(effects, 0.01), runs)),
         "clearance-flights": flown,
         "clearance-exponents": exponents_table(flown),
         "clearance-efforts": pd.DataFrame(efforts),
@@ -187,6 +190,14 @@ def test_a_single_step_gives_no_number():
         one |= {"status": Status.TIMED_OUT, "reason": "too long", EFFORT: math.nan}
     [row] = effects_table(pd.DataFrame(failed)).to_dict("records")
     assert (row["status"], row["reason"]) == (Status.TIMED_OUT, "too long")
+
+
+def test_a_failed_step_or_start_is_reported_beside_the_numbers_of_the_others():
+    rows = run_rows(converging, gaps=(1e-4,))
+    rows[-1] |= {"status": Status.TIMED_OUT, "reason": "too long", EFFORT: math.nan}
+    [row] = effects_table(pd.DataFrame(rows)).to_dict("records")
+    assert row["status"] == Status.OK and row["step"] == 5e-5 and row[EFFORT] > 0
+    assert row["reason"] == "1 of 3 runs failed: too long"
 
 
 def test_exponents_contain_the_law():
@@ -234,8 +245,12 @@ def test_exponents_of_flights_are_those_of_isolated_ones():
     assert row["flights"] == 2 and row["largest_time_deviation"] == 0
     assert row[TIME_EXPONENT] == pytest.approx(1 / 3)
     assert row[SPEED_EXPONENT] == pytest.approx(2 / 3)
+    assert row[WHY_NONE] == ""
     [none] = exponents_table(pd.DataFrame(wrong)).to_dict("records")
     assert none["flights"] == 0 and none[WHY_NONE]
+    # one flight at two clearances determines an exponent, but not its uncertainty
+    [short] = exponents_table(pd.DataFrame(good[:2])).to_dict("records")
+    assert TIME_EXPONENT not in short and short[WHY_NONE]
 
 
 def sentence(rows):
@@ -257,9 +272,22 @@ def test_the_sentence_of_page_one():
     low = 2e-4 * 1.02**-1.5
     assert f"below {math.floor(low * 1e5) / 100:g} mm in case 1," in section.answer
     assert section.answer.endswith("by less than 1 % (Moreau, contact; e = 0).")
+    # beside it the interpolated clearance explains why the answer is smaller
+    assert "lower end of an interval" in section.beside
+    assert "the change reaches 1 % at 0.2 mm (0.19 mm to" in section.beside
+    assert "perturbed starts" not in section.beside
     halved = sentence(three_cases([lambda gap, step: converging(2 * gap, step)] * 3))
     assert f"below {math.floor(low / 2 * 1e6) / 1000:g} mm in case 1," in halved.answer
     assert halved.answer != section.answer
+
+
+def test_the_window_is_mentioned_only_if_all_scenes_have_it():
+    rows = three_cases([converging] * 3)
+    assert "ideal joints from 0.2 to 8 s;" in sentence(rows).beside
+    for row in rows:
+        if row["scene"] == CASES[2]:
+            row["window_end"] = 4.0
+    assert "ideal joints; the" in sentence(rows).beside
 
 
 def test_the_sentence_refuses_what_is_not_resolved():
@@ -288,7 +316,7 @@ def test_a_scene_without_a_drive_has_no_limit_but_effects():
     for row in rows:
         del row[EFFORT]
     results = results_of(rows)
-    assert list(results.table("clearance-limits")[WHY_NONE]) == ["the scene has no drive"]
+    assert list(results.table("clearance-limits")[WHY_NONE]) == [NO_EFFORT]
     section = section_of(STUDY, results)
     assert section.answer == "No method gave a clearance that may be neglected."
     assert any(figure.name == "clearance-effect" for figure in section.figures)
@@ -432,6 +460,26 @@ def test_the_study_of_case_1(made):
     measured = flights[flights["event_time"].between(1.36, 1.37)]
     assert len(measured) == 2
     np.testing.assert_allclose(measured["flight_time_ratio"], 1, atol=0.06)
+
+
+def test_the_command_of_a_run_repeats_it(made, tmp_path):
+    """Moreau's method refuses the mus > mu of case 1, so that the command changes it as the study does."""
+    [row] = [
+        row
+        for row in made.table("clearance-runs").to_dict("records")
+        if row[CLEARANCE] == 1e-3 and row["step"] == 2e-4
+    ]
+    out = tmp_path / "run.parquet"
+    program, *words_of_command = row[AGAIN].split()
+    assert program == "stiction"
+    with here():
+        invoke(" ".join(words_of_command), "--output-step", 2e-4, "--out", out)
+    [moreau] = methods_of(Scope((), engines=("moreau",))).able
+    run = GapRun(load_scene(CASES[0]), 1e-3, 0.0, moreau, 2e-4, 2.0).simulate()
+    repeated = pd.read_parquet(out)
+    np.testing.assert_allclose(
+        repeated["guide.displacement"], run["guide.displacement"], atol=1e-12
+    )
 
 
 def test_text_and_figures_of_case_1(made):

@@ -148,7 +148,7 @@ def headline_table(report: Report) -> HeadlineTable:
     own_groups: dict[str, dict[str, list[str | None]]] = {}
     for group, labels in grouped_methods(report.results):
         for method in labels:
-            cells = [*_about_method(table, method)]
+            cells: list[str | None] = [*_about_method(table, method)]
             cells += [headline.cells.get(method) for headline in headlines]
             if engine_of.get(method) in own_methods():
                 own_groups.setdefault(OWN_GROUP.format(group.label), {})[method] = cells

@@ -178,7 +178,7 @@ def origin_paragraphs(
     commands = _commands_by_run(run)
     for key, source in sources.items():
         origin = escape("; ".join(_origins(run, source, files_note)))
-        repeat = _repeat(source, commands)
+        repeat = _repeat(source, commands, run.origin.get("command", ""))
         yield f'<p id="{key_anchor(key)}"><strong>{escape(key)}</strong>: {origin}{repeat}</p>\n'
 
 
@@ -206,8 +206,12 @@ def _commands_by_run(run: StoredRun) -> dict[str, str]:
     return dict(zip(known["key"], known[AGAIN], strict=True))
 
 
-def _repeat(source: Source, commands: Mapping[str, str]) -> str:
-    """Return the HTML of the commands that repeat the runs of a source; empty if none is known."""
+def _repeat(source: Source, commands: Mapping[str, str], campaign: str) -> str:
+    """Return the HTML of the commands that repeat the runs of a source.
+
+    Searches, such as that of a stick limit, and runs of earlier versions have no commands of their own; then it is
+    the command of the whole campaign. The text is empty if that is not known either.
+    """
     repeated: list[str] = []
     if AGAIN in source.rows:
         repeated += list(source.rows[AGAIN].dropna())
@@ -215,7 +219,7 @@ def _repeat(source: Source, commands: Mapping[str, str]) -> str:
         repeated += [commands[key] for key in source.rows["key"].dropna() if key in commands]
     shown = list(dict.fromkeys(repeated))
     if not shown:
-        return ""
+        return f". Repeat all runs with <code>{escape(campaign)}</code>" if campaign else ""
     lines = "; ".join(f"<code>{escape(command)}</code>" for command in shown[:MAX_COMMANDS])
     more = f"; and {len(shown) - MAX_COMMANDS} more" if len(shown) > MAX_COMMANDS else ""
     return f". Repeat with {lines}{more}"

@@ -49,8 +49,8 @@ With Python {python}, in the sources of stiction {stiction} {commit}, where RUN 
 - `scenes/` has the scenes that were simulated, each complete in its file; with later versions, too,
   `stiction run RUN/reproduce/scenes/NAME.toml` runs one. An engine without a static coefficient had mus = mu. Hard
   cases have changes to the catalogue's scenes, and scenes of their own: `comparisons/hard/` in the sources has them.
-- In the folder of `validate`, a row of a table in `data/` whose trajectory is not stored has the command for its run
-  alone, in `rerun_command`.
+- In the folder of `validate`, a row of a table in `data/` about a single run has the command for this run alone, in
+  `rerun_command`.
 - The machine: {machine}.
 
 With these packages on a processor of this kind, motions, events and counters are the same as here. Another processor

@@ -21,6 +21,7 @@ from stiction.comparisons.bench.variants import (
     run_command,
     run_key,
 )
+from stiction.engines.registry import UnknownEngine
 from stiction.scenes import Scene, load_scene
 from stiction.scenes.wording import as_given
 from stiction.truths.physics import physics_of
@@ -161,7 +162,7 @@ def campaign_command(results: Results) -> str:
 
 
 def rerun_command(record: Record, results: Results) -> str | None:
-    """Return the command that repeats a run, or None if its scene is not known.
+    """Return the command that repeats a run, or None if its scene or its engine is not known here.
 
     A scene that is not in the catalogue is given by its file in the run folder, in which the command
     is to be executed.
@@ -180,7 +181,12 @@ def rerun_command(record: Record, results: Results) -> str | None:
             ["stiction", "compare", "effects", place, "--engines", record.variant.engine]
         )
     # An engine without static friction was given a scene whose static values are the kinetic ones.
-    scene = physics_of(declared, has_static_coefficient(record.variant))
+    try:
+        has_static = has_static_coefficient(record.variant)
+    except UnknownEngine:
+        # The engine came from a package that is no longer installed, so that no command could find it.
+        return None
+    scene = physics_of(declared, has_static)
     options = []
     for name, value in job(scene, record.variant, record.step).arguments.items():
         if name in OPTIONS:

@@ -293,7 +293,7 @@ def judge_submission(
                     has_map_option=False,
                 )
             except InputError as error:
-                row |= {"verdict": Verdict.NOT_A_TABLE, "reason": " ".join(str(error).split())}
+                row |= {"verdict": Verdict.NOT_A_TABLE, "reason": _problems_in_one_line(error)}
             else:
                 judgements[scene.name] = judged
                 row |= _numbers(judged)
@@ -440,6 +440,8 @@ UNITS: Mapping[tuple[float, str], str] = {
     (180 / np.pi, "rad"): "degrees in place of radians?",
 }
 """Likely units of columns by their factor on the truth, and by the unit of the truth without the time."""
+MOST_DIGITS = 17
+"""Significant digits that distinguish any two numbers."""
 OTHER_SIGN = -1.0
 """Factor of columns with the other sign."""
 
@@ -501,12 +503,27 @@ def _agreement(parameters: Sequence[str]) -> str:
     return f"the table agrees with {' or '.join(parameters)}, in place of the scene's values"
 
 
+def _problems_in_one_line(error: InputError) -> str:
+    """Return what is wrong with a table, without the name of the table."""
+    if isinstance(error, FileError):
+        return "; ".join(str(problem) for problem in error.problems)
+    return " ".join(str(error).split())
+
+
+def _above(value: float, bound: float) -> str:
+    """Return a number that exceeds a bound, with at least two digits and as many as show that it does."""
+    digits = 2
+    while float(text := f"{value:.{digits}g}") <= bound and digits < MOST_DIGITS:
+        digits += 1
+    return text
+
+
 def _excesses(row: Mapping[str, Any]) -> list[str]:
     """Return what is beyond the bounds, each in words."""
     excesses = []
     if row["position_error"] > row["position_bound"]:
         excesses.append(
-            f"position error {row['position_error']:.2g} m ({row['error_column']} at t = "
+            f"position error {_above(row['position_error'], row['position_bound'])} m ({row['error_column']} at t = "
             f"{row['error_time']:.4g} s); expected at most {row['position_bound']:g} m"
         )
     if row["effort_bound"] is not None:

@@ -13,6 +13,7 @@ import pandas as pd
 import pytest
 from conftest import invoke
 
+from stiction.comparisons.judge import submission
 from stiction.comparisons.judge.benchmark import FOLDER, benchmark_scenes
 from stiction.comparisons.judge.submission import Verdict, judge_submission, read_submission
 from stiction.engines import load_engine
@@ -474,3 +475,10 @@ def test_stored_submissions(compiled):
     for name, count in within.items():
         judged = judge_submission(SUBMISSIONS / name)
         assert judged.submitted == 16 and judged.count(Verdict.WITHIN) == count
+
+
+@pytest.mark.parametrize("excess", [1e-2, 1e-3, 1e-6, 1e-12])
+def test_an_error_beyond_its_bound_is_printed_as_larger(excess):
+    bound = 1e-3
+    text = submission._above(bound * (1 + excess), bound)
+    assert float(text) > bound and float(text) == pytest.approx(bound * (1 + excess), rel=excess)

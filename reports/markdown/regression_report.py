@@ -37,7 +37,7 @@ SUMMARY = "summary.json"
 """File with the findings of a night."""
 MAX_FINDINGS = 40
 """Largest number of findings in a table; a sentence below the table counts the others."""
-_TITLES = {
+VERDICT_TITLES = {
     FINE: "fine: nothing changed beyond noise",
     REGRESSION: "regression",
     COULD_NOT_RUN: "not every run has a valid result",
@@ -76,7 +76,7 @@ def summary_lines(result: Result) -> list[str]:
     if result.resumed:
         resumed = f", {result.resumed} of the runs from a call that was interrupted"
     return [
-        f"**{_TITLES[result.verdict]}** ({_counts(result)})",
+        f"**{VERDICT_TITLES[result.verdict]}** ({_counts(result)})",
         f"Worst finding: {_worst_finding(result.findings)}",
         f"Environment: {environment}",
         f"Time: {result.wall_s:.0f} s{resumed}",
@@ -166,7 +166,7 @@ def night_report(result: Result) -> str:
     if failed:
         failures = markdown(group_failures(_failure_table(failed)))
     parts = [
-        f"# Night of {result.name}: {_TITLES[result.verdict]}",
+        f"# Night of {result.name}: {VERDICT_TITLES[result.verdict]}",
         _with_list(summary_lines(result)),
         "## What changed",
         changes(result.findings),

@@ -165,7 +165,8 @@ def _table_of_nights(nights: Nights, file: Path) -> str:
         rows.append(list(cells.values()))
     return table(
         "The nights, the latest first, each with a link to its report. Complete: runs that reached their end; not "
-        "applicable: the engine or its adapter cannot represent the scene; failed: all others.",
+        "applicable: the engine or its adapter cannot represent the scene; failed: all others, among them those of "
+        "engines that are not installed.",
         ["commit" if column == "commit_hash" else column for column in table_rows],
         rows,
         [column in counts for column in table_rows],

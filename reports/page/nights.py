@@ -16,7 +16,7 @@ from stiction.comparisons.regression.check import BETTER, COULD_NOT_RUN, REGRESS
 from stiction.comparisons.regression.history import NO_DRAW, History, open_history
 from stiction.comparisons.regression.night_changes import environment_changes
 from stiction.engines.status import Status
-from stiction.reports.markdown.regression_report import REPORT, SUMMARY
+from stiction.reports.markdown.regression_report import REPORT, SUMMARY, VERDICT_TITLES
 
 SHOWN_SEVERITIES = (REGRESSION, COULD_NOT_RUN, BETTER)
 """Severities of the findings for which the page of a history selects a chart at first."""
@@ -29,8 +29,8 @@ Runs that were refused (`IS_REFUSED`) are no failures.
 
 IS_REFUSED = "is_refused"
 """Column that this module adds: whether the engine or its adapter cannot represent the scene of the run."""
-VERDICTS = {COULD_NOT_RUN: "not every run has a valid result"}
-"""Words for verdicts and severities in texts, where the stored ones would not be understood."""
+VERDICTS = {COULD_NOT_RUN: VERDICT_TITLES[COULD_NOT_RUN]}
+"""Words for stored verdicts in texts, where the stored ones would not be understood."""
 
 
 @dataclass(frozen=True)

@@ -13,9 +13,11 @@ from dataclasses import dataclass
 
 import pandas as pd
 
-from stiction.comparisons.bench.methods import grouped_methods
-from stiction.comparisons.bench.presentation.cells import MISSING
+from stiction.comparisons.bench.methods import at_equal_step, grouped_methods, known_of
+from stiction.comparisons.bench.presentation.cells import MISSING, setting_of
 from stiction.comparisons.bench.results import Results
+from stiction.comparisons.bench.variants import EVENTS_BY, FRICTION_BY
+from stiction.engines.registry import own_methods
 from stiction.engines.status import Status
 from stiction.reports.markdown.failures import failed_runs
 from stiction.reports.markdown.tables import align_columns
@@ -37,7 +39,7 @@ from stiction.reports.text import (
     template,
 )
 
-TITLE = "Which solver gets a sticking slider right? (Zhuang & Wang 2014)"
+TITLE = "How solvers treat a slider that sticks and slips (Zhuang & Wang 2014)"
 """Title of a report about the paper's three cases."""
 MAX_METHODS_NAMED = 3
 """Largest number of methods with failed runs that are named; others are summed up as "others"."""
@@ -48,6 +50,10 @@ INTERRUPTED = (
 )
 WIDTH = 118
 """Largest number of characters in a line of the Markdown."""
+ABOUT_METHOD = ("run", "friction law / events by")
+"""Headings of the columns that describe the runs of a method: its step or tolerance, and who supplies what."""
+OWN_GROUP = "solvers of this suite: {}"
+"""Heading of a group of solvers of this suite, which are not listed among the engines of others."""
 
 
 @dataclass(frozen=True)
@@ -57,7 +63,7 @@ class HeadlineTable:
     Attributes
     ----------
     heads : tuple of str
-        Headings of the columns; the first column contains the name of the method.
+        Headings of the columns: the name of the method, `ABOUT_METHOD`, and the headlines.
     groups : mapping
         By the name of a group and the name of a method, the cells of the other columns. A cell is None
         where the study has no value for the method.
@@ -65,6 +71,11 @@ class HeadlineTable:
 
     heads: tuple[str, ...]
     groups: Mapping[str, Mapping[str, Sequence[str | None]]]
+
+    @property
+    def headline_heads(self) -> tuple[str, ...]:
+        """Headings of the columns that contain headlines."""
+        return self.heads[1 + len(ABOUT_METHOD) :]
 
     @property
     def rows(self) -> Iterator[list[str]]:
@@ -86,7 +97,7 @@ class HeadlineTable:
     @property
     def right(self) -> list[bool]:
         """Whether each column contains numbers, which are aligned to the right."""
-        return [False] + [True] * (len(self.heads) - 1)
+        return [False] * (1 + len(ABOUT_METHOD)) + [True] * len(self.headline_heads)
 
 
 @dataclass(frozen=True)
@@ -123,17 +134,35 @@ def title_of(results: Results) -> str:
 
 
 def headline_table(report: Report) -> HeadlineTable:
-    """Return the table that contains the headlines of all studies for every method."""
+    """Return the table that contains the headlines of all studies for every method.
+
+    The solvers of this suite follow the engines of others, in groups of their own.
+    """
     headlines = [headline for section in report.sections.values() for headline in section.headlines]
-    heads = ("method", *(headline.label for headline in headlines))
+    heads = ("method", *ABOUT_METHOD, *(headline.label for headline in headlines))
     if not headlines:
         return HeadlineTable(heads, {})
-    groups = {}
-    for group, methods in grouped_methods(report.results):
-        groups[group.label] = {
-            method: [headline.cells.get(method) for headline in headlines] for method in methods
-        }
-    return HeadlineTable(heads, groups)
+    table = report.results.table("accuracy")
+    engine_of = {record.variant.label: record.variant.engine for record in report.results.records}
+    engine_groups: dict[str, dict[str, list[str | None]]] = {}
+    own_groups: dict[str, dict[str, list[str | None]]] = {}
+    for group, labels in grouped_methods(report.results):
+        for method in labels:
+            cells: list[str | None] = [*_about_method(table, method)]
+            cells += [headline.cells.get(method) for headline in headlines]
+            if engine_of.get(method) in own_methods():
+                own_groups.setdefault(OWN_GROUP.format(group.label), {})[method] = cells
+            else:
+                engine_groups.setdefault(group.label, {})[method] = cells
+    return HeadlineTable(heads, {**engine_groups, **own_groups})
+
+
+def _about_method(table: pd.DataFrame, method: str) -> tuple[str, str]:
+    """Return the step or tolerance of the runs of a method, and who supplies its friction law and its events."""
+    runs = at_equal_step(table, method)
+    setting = setting_of(runs["parameter"].iloc[0], runs["step"].iloc[0])
+    suppliers = [known_of(table, column)[method] for column in (FRICTION_BY, EVENTS_BY)]
+    return setting, " / ".join(suppliers)
 
 
 def answers(report: Report) -> list[tuple[str, str]]:
@@ -207,6 +236,7 @@ def _variables(report: Report) -> dict[str, object]:
         "title": title_of(results),
         "interrupted": INTERRUPTED if results.settings.get("interrupted") else "",
         "noun": "cases" if results.is_about_paper else "scenes",
+        "depth": results.settings.get("depth"),
         "own_run_words": _own_run_words(results),
         "mechanism": mechanism(results),
         "own_mechanisms": own_mechanisms(results),

@@ -177,20 +177,11 @@ def recommendation(results: Results) -> dict[str, object]:
         row = row_of("accuracy", table, worst[variant])
         return {"error": row[POSITION], "times": _times(results, variant)}
 
-    scheme = None
-    is_better = False
-    if PAPERS_SCHEME in worst:
-        scheme = own_method(PAPERS_SCHEME)
-        # Relative to a run of the reference itself, its error says nothing about its accuracy.
-        is_independent = not is_relative_to_own_run(results)
-        is_better = bool(
-            is_independent
-            and table.at[worst[REFERENCE], POSITION] < table.at[worst[PAPERS_SCHEME], POSITION]
-        )
+    scheme = own_method(PAPERS_SCHEME) if PAPERS_SCHEME in worst else None
     return {
         "cases": table["scene"].nunique(),
         "scene": table["scene"].iloc[0],
-        "reference": {**own_method(REFERENCE), "is_better": is_better},
+        "reference": own_method(REFERENCE),
         "scheme": scheme,
         "engines": list(_engines(results, table, worst)),
     }

@@ -87,6 +87,8 @@ SAME_INSTANT = 1e-9
 """Largest difference (s) between the times of two samples of one instant, by rounding."""
 FAR_BELOW = 10.0
 """The truth's uncertainty is drawn unless all differences are more than this many times as large."""
+MIN_ENGINES_RANKED = 2
+"""Number of engines in a group from which one is called the most accurate; a single one is compared with none."""
 ROW_HEIGHT = 1.8
 """Height of a row of panels, inches."""
 MARGIN = 1.5
@@ -215,8 +217,9 @@ def _error_ranges(table: pd.DataFrame, engines: Sequence[Method]) -> Iterator[di
 def _most_accurate_engines(
     results: Results, table: pd.DataFrame, by_variant: Mapping[str, Method]
 ) -> list[TableView]:
-    """Return the table of the most accurate engine of each group of equal work; no table without engines.
+    """Return the table of the most accurate engine of each group of equal work.
 
+    Groups of one engine have no row, because nothing is compared in them; without rows there is no table.
     Engines whose errors differ from that of the most accurate one by no more than the uncertainties share its place.
     """
     friction = known_of(table, FRICTION_BY)
@@ -227,7 +230,7 @@ def _most_accurate_engines(
         engines = _by_error(
             table, (method for method in members if method.is_ranked and not method.is_own)
         )
-        if not engines:
+        if len(engines) < MIN_ENGINES_RANKED:
             continue
         best = engines[0]
         label = best.worst_row

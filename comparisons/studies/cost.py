@@ -198,7 +198,7 @@ def present(results: Results) -> Presentation:
         "joints": _shortest_and_longest(reached[reached["steps"] & is_joint]),
         "contacts": _shortest_and_longest(reached[reached["steps"] & is_contact]),
         "any": _shortest_and_longest(reached),
-        "without": _engines_off_target(cost, reached, first),
+        **_off_target_rows(cost, reached, first),
         **_limits_of_methods(cost, equal),
         "accelerations": _better_by_accelerations(cost, first),
         "set_up": _longest_set_up(cost),
@@ -284,11 +284,23 @@ def _times_of_own_methods(reached: pd.DataFrame) -> list[dict[str, object]]:
     ]
 
 
-def _engines_off_target(cost: pd.DataFrame, reached: pd.DataFrame, first: str) -> list[str]:
-    """Return the engines without a run accurate to `TARGET` on the first scene; a finer run might be accurate."""
+def _off_target_rows(
+    cost: pd.DataFrame, reached: pd.DataFrame, first: str
+) -> dict[str, list[object]]:
+    """Return the engines without a run accurate to `TARGET` on the first scene, and their smallest steps.
+
+    A run with a smaller step might be accurate.
+    """
     runs = cost[_is_measured(cost) & (cost["scene"] == first) & (cost["parameter"] == "dt")]
     runs = runs[~runs["engine"].isin(own_methods()) & ~runs["variant"].isin(reached["variant"])]
-    return list(runs["variant"].unique())
+    finest = runs.groupby("variant", sort=False)["step"].idxmin()
+    return {
+        "without": list(finest.index),
+        "off_target": [
+            {"variant": variant, "step": row_of("cost", cost, label)["step"]}
+            for variant, label in finest.items()
+        ],
+    }
 
 
 def _limits_of_methods(cost: pd.DataFrame, equal: pd.DataFrame) -> dict[str, object]:

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
+from enum import StrEnum
 from functools import cached_property
 
 import numpy as np
@@ -108,6 +109,29 @@ def _rows_of(table: pd.DataFrame, scene: str | None) -> pd.DataFrame:
     return table[table["scene"] == scene]
 
 
+class ThresholdVerdict(StrEnum):
+    """How the threshold of a method with its finest step compares with the true one."""
+
+    AGREES = "agrees"
+    """The difference is not larger than its uncertainty."""
+    DEVIATES = "deviates"
+    """The difference is larger than its uncertainty, and smaller steps are not expected to remove it."""
+    ONE_STEP = "open: one step only"
+    """The difference is larger than the bracket of the search; the error of the step is not known."""
+    COARSER = "open: coarser step than others"
+    """The difference is larger than its uncertainty, but other methods were run with smaller steps."""
+    NOT_CONVERGED = "open: not converged"
+    """The last refinement has changed the difference by more than `SETTLES` of itself."""
+
+
+OPEN_VERDICTS = (
+    ThresholdVerdict.ONE_STEP,
+    ThresholdVerdict.COARSER,
+    ThresholdVerdict.NOT_CONVERGED,
+)
+"""Verdicts on differences that smaller steps may remove."""
+
+
 @dataclass(frozen=True)
 class _Subject:
     """The results of one scene.
@@ -188,6 +212,7 @@ class _Subject:
         """Return what the text mentions."""
         table, measured = self.complete, self.measured
         clearly, may_vanish = _off(self.finest)
+        tried_once = _single_steps(self.finest)
         refused = _refusals(table)
         without = [] if refused else self._without_threshold()
         proven = table[table[TIER] == Tier.PROVEN]
@@ -204,6 +229,8 @@ class _Subject:
             "truth": truth,
             "off": _errors(table, clearly),
             "inconclusive": _errors(table, may_vanish),
+            "tried_once": tried_once,
+            "steps_known_once": tried_once is not None and tried_once["methods"] == len(may_vanish),
             "measured": len(measured),
             "without": [row["variant"] for row in without],
             "lacking": without,
@@ -314,7 +341,9 @@ class _Subject:
             Column("runs", brief=False),
             Column("reason", brief=False),
         )
-        finest = view(f"threshold{self.suffix}", self.finest, columns, source="threshold")
+        judged = self.finest.assign(verdict=_verdicts(self.finest))
+        judged_columns = (*columns[:7], Column("verdict"), *columns[7:])
+        finest = view(f"threshold{self.suffix}", judged, judged_columns, source="threshold")
         every = view(
             f"threshold-all{self.suffix}",
             self.complete,
@@ -471,23 +500,54 @@ def _refusals(table: pd.DataFrame) -> list[str]:
     return list(table["reason"].unique())
 
 
+def _verdicts(finest: pd.DataFrame) -> pd.Series:
+    """Return the `ThresholdVerdict` of each method, with the index of its run with the finest step.
+
+    The error is a difference from a truth that has an uncertainty, too: bands of our own runs are less accurate
+    than the threshold of a method with located events. Methods without a step, which refine by a tolerance, locate
+    events, so that their uncertainty is complete.
+    """
+    if finest.empty:
+        return pd.Series(dtype=object)
+    of_truth = with_columns(finest, TRUE_UNCERTAINTY)[TRUE_UNCERTAINTY].astype(float).fillna(0.0)
+    is_beyond = finest[ERROR].abs() > finest[UNCERTAINTY] + of_truth
+    has_steps = finest["parameter"].eq("dt")
+    change = finest[CHANGE].astype(float)
+    is_coarser = finest["step"] > finest.loc[has_steps, "step"].min()
+    is_moving = change >= SETTLES * finest[ERROR].abs()
+    # Later lines take precedence: a single step is the most important reason for which a verdict is open.
+    verdicts = pd.Series(ThresholdVerdict.DEVIATES, index=finest.index, dtype=object)
+    verdicts[has_steps & is_moving] = ThresholdVerdict.NOT_CONVERGED
+    verdicts[has_steps & is_coarser] = ThresholdVerdict.COARSER
+    verdicts[has_steps & change.isna()] = ThresholdVerdict.ONE_STEP
+    verdicts[~is_beyond] = ThresholdVerdict.AGREES
+    return verdicts
+
+
 def _off(finest: pd.DataFrame) -> tuple[pd.DataFrame, pd.DataFrame]:
     """Return the rows whose error is larger than its uncertainty, by its size: those that are sure, and the others.
 
-    Finer steps may remove an error at a step that is not the finest of all, or whose last refinement has changed it by
-    more than `SETTLES` of itself. The error is a difference from a truth that has an uncertainty, too: bands of our
-    own runs are less accurate than the threshold of a method with located events.
+    Finer steps may remove the errors of the others (`OPEN_VERDICTS`).
     """
-    if finest.empty:
-        return finest, finest
-    of_truth = with_columns(finest, TRUE_UNCERTAINTY)[TRUE_UNCERTAINTY].astype(float).fillna(0.0)
-    beyond = finest[finest[ERROR].abs() > finest[UNCERTAINTY] + of_truth]
-    beyond = beyond.sort_values(ERROR, key=abs, kind="stable")
-    has_steps = beyond["parameter"].eq("dt")
-    is_coarser = beyond["step"] > finest.loc[finest["parameter"] == "dt", "step"].min()
-    has_settled = beyond[CHANGE] < SETTLES * beyond[ERROR].abs()  # False where it is not known
-    may_vanish = has_steps & (is_coarser | ~has_settled)
-    return beyond[~may_vanish], beyond[may_vanish]
+    verdicts = _verdicts(finest)
+    ordered = finest.sort_values(ERROR, key=abs, kind="stable") if len(finest) else finest
+    verdicts = verdicts.reindex(ordered.index)
+    return (
+        ordered[verdicts.eq(ThresholdVerdict.DEVIATES)],
+        ordered[verdicts.isin(OPEN_VERDICTS)],
+    )
+
+
+def _single_steps(finest: pd.DataFrame) -> dict[str, object] | None:
+    """Return the number of methods that were run with one step only, and the steps as text; None without any.
+
+    Only methods whose difference is larger than the bracket of the search are counted.
+    """
+    single = finest[_verdicts(finest).eq(ThresholdVerdict.ONE_STEP)] if len(finest) else finest
+    if single.empty:
+        return None
+    steps = sorted(single["step"].unique())
+    return {"methods": len(single), "steps": [setting_of("dt", step) for step in steps]}
 
 
 def _errors(table: pd.DataFrame, rows: pd.DataFrame) -> list[dict[str, object]]:

@@ -26,7 +26,7 @@ from stiction.comparisons.regression.check import (
     Finding,
 )
 from stiction.comparisons.regression.nightly import Result
-from stiction.engines.status import Status
+from stiction.engines.status import UNMADE, Status
 from stiction.reports.markdown.failures import group_failures
 from stiction.reports.markdown.tables import markdown
 from stiction.scenes.atomic_files import make_folder, write_text
@@ -37,13 +37,27 @@ SUMMARY = "summary.json"
 """File with the findings of a night."""
 MAX_FINDINGS = 40
 """Largest number of findings in a table; a sentence below the table counts the others."""
-_TITLES = {
+VERDICT_TITLES = {
     FINE: "fine: nothing changed beyond noise",
     REGRESSION: "regression",
-    COULD_NOT_RUN: "not everything could be run",
+    COULD_NOT_RUN: "not every run has a valid result",
     NOTHING: "nothing was compared: there is no baseline and no earlier night for these runs",
 }
 """Verdicts in words."""
+_STATUS_IN_WORDS = {
+    Status.WRONG: "it ran, but its result is not a motion of the scene",
+    Status.INCOMPLETE: "it ended early",
+    Status.REFUSED: "the engine or its adapter cannot represent the scene",
+    Status.MISSING: "the engine is not installed",
+    Status.NOT_RUN: "it was not made",
+}
+"""What a status of a finding means; other statuses explain themselves."""
+_COUNTED_AS = {
+    Status.REFUSED: "not applicable",
+    Status.WRONG: "with a wrong result",
+    Status.INCOMPLETE: "ended early",
+}
+"""Words for statuses in the numbers of runs, where their labels would not be understood."""
 _UPDATE = '`stiction baseline update --reason ".."`'
 
 
@@ -62,7 +76,7 @@ def summary_lines(result: Result) -> list[str]:
     if result.resumed:
         resumed = f", {result.resumed} of the runs from a call that was interrupted"
     return [
-        f"**{_TITLES[result.verdict]}** ({_counts(result)})",
+        f"**{VERDICT_TITLES[result.verdict]}** ({_counts(result)})",
         f"Worst finding: {_worst_finding(result.findings)}",
         f"Environment: {environment}",
         f"Time: {result.wall_s:.0f} s{resumed}",
@@ -80,10 +94,29 @@ def _worst_finding(findings: Sequence[Finding]) -> str:
     if not judged:
         return "none"
     worst = judged[0]
+    if worst.kind == "status":
+        return _worst_status(worst)
     change = _value(worst, worst.now)
     if worst.before is not None:
         change = f"{_value(worst, worst.before)} -> {change}"
     return f"{worst.severity}, {_subject(worst)} of {worst.key}: {change}; {worst.reason}"
+
+
+def _severity_in_words(finding: Finding) -> str:
+    """Return the severity of a finding; a run that was made, but without a valid result, is named as such."""
+    if finding.severity == COULD_NOT_RUN and finding.now not in UNMADE:
+        return "no valid result"
+    return finding.severity
+
+
+def _worst_status(finding: Finding) -> str:
+    """Describe a finding about the status of a run, such as one that has no valid result."""
+    status = Status(str(finding.now))
+    end = status.label
+    if status in _STATUS_IN_WORDS:
+        end += f" ({_STATUS_IN_WORDS[status]})"
+    before = "" if finding.before is None else f", before {Status(str(finding.before)).label}"
+    return f"{_severity_in_words(finding)}, {finding.key}: {end}{before}; {finding.reason}"
 
 
 def _subject(finding: Finding) -> str:
@@ -125,30 +158,21 @@ def _with_list(lines: Sequence[str]) -> str:
 
 
 def night_report(result: Result) -> str:
-    """Return the text of `REPORT`: summary, changes, failures, all numbers, and provenance."""
-    failed = pd.DataFrame(
-        [
-            {
-                "scene": row.scene,
-                "variant": row.variant,
-                "step": row.step,
-                "reason": row.reason,
-                "status": Status.INCOMPLETE if row.status == Status.OK else row.status,
-            }
-            for row in _failed_rows(result)
-            if row.status != Status.MISSING
-        ]
-    )
+    """Return the text of `REPORT`: summary, changes, failures, refusals, all numbers, and provenance."""
+    incomplete = [row for row in _failed_rows(result) if row.status != Status.MISSING]
+    failed = [row for row in incomplete if row.status != Status.REFUSED]
+    refused = [row for row in incomplete if row.status == Status.REFUSED]
     failures = "Nothing: all runs that were made succeeded."
-    if not failed.empty:
-        failures = markdown(group_failures(failed))
+    if failed:
+        failures = markdown(group_failures(_failure_table(failed)))
     parts = [
-        f"# Night of {result.name}: {_TITLES[result.verdict]}",
+        f"# Night of {result.name}: {VERDICT_TITLES[result.verdict]}",
         _with_list(summary_lines(result)),
         "## What changed",
         changes(result.findings),
         "## What failed",
         failures,
+        *_not_applicable(refused),
         "## Numbers",
         "Of every run that succeeded, with the tier of the truth; counters and uncertainties are in the "
         "history.",
@@ -157,6 +181,43 @@ def night_report(result: Result) -> str:
         markdown(_provenance(result)),
     ]
     return "\n\n".join(parts) + "\n"
+
+
+def _failure_table(rows: Sequence[Row]) -> pd.DataFrame:
+    """Return a row for each run without a complete result; the status of one that ended early is ``incomplete``."""
+    return pd.DataFrame(
+        [
+            {
+                "scene": row.scene,
+                "variant": row.variant,
+                "step": row.step,
+                "reason": row.reason,
+                "status": Status.INCOMPLETE if row.status == Status.OK else row.status,
+            }
+            for row in rows
+        ]
+    )
+
+
+def _not_applicable(refused: Sequence[Row]) -> list[str]:
+    """Return a heading, a sentence and a table of the runs that were refused, one row for each reason; or nothing."""
+    if not refused:
+        return []
+    runs = _failure_table(refused)
+    rows = [
+        {
+            "reason": reason,
+            "methods": "; ".join(part["variant"].unique()),
+            "scenes": "; ".join(part["scene"].unique()),
+            "runs": len(part),
+        }
+        for reason, part in runs.groupby("reason", sort=False)
+    ]
+    return [
+        "## Not applicable",
+        "These are no failures: the engine or its adapter cannot represent the scene, and refuses it.",
+        markdown(pd.DataFrame(rows)),
+    ]
 
 
 def _numbers(result: Result) -> pd.DataFrame:
@@ -205,7 +266,7 @@ def changes(findings: Sequence[Finding]) -> str:
         worst = group_findings[0]
         rows.append(
             {
-                "": worst.severity,
+                "": _severity_in_words(worst),
                 "what": _subject(worst),
                 "worst run": worst.key,
                 "baseline": _value(worst, worst.before),
@@ -280,18 +341,28 @@ def _failed_rows(result: Result) -> list[Row]:
 
 def _counts(result: Result) -> str:
     """Return the numbers of runs by status, of compared runs, and of runs without a baseline."""
-    statuses = Counter(row.status for row in result.rows)
-    runs = ", ".join(f"{count} {Status(status).label}" for status, count in statuses.most_common())
-    text = f"{len(result.rows)} runs: {runs}; {result.compared} compared"
+    statuses = Counter(
+        Status.INCOMPLETE if row.status == Status.OK and row.reason else Status(row.status)
+        for row in result.rows
+    )
+    runs = ", ".join(
+        f"{count} {_COUNTED_AS.get(status, status.label)}"
+        for status, count in statuses.most_common()
+    )
+    text = f"{count_of_runs(len(result.rows))}: {runs}; {result.compared} compared with earlier results"
     first_nights = result.first_nights
     if first_nights:
-        text += (
-            f", {len(first_nights)} of them not with the baseline, which does not contain them, "
-            f"but with their first night ({min(first_nights.values())})"
-        )
+        first = min(first_nights.values())
+        if len(first_nights) == result.compared:
+            text += f", namely with the night {first}, the first that has them"
+        else:
+            text += (
+                f", {len(first_nights)} of them with the first night that has them (from {first})"
+            )
+        text += ", because the baseline does not contain them"
     new = sum(finding.severity == NEW and finding.kind == "status" for finding in result.findings)
     if new:
-        text += f"; {new} not in the baseline, so not compared"
+        text += f"; {new} are new, with nothing to compare them with"
     return text
 
 

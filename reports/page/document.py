@@ -66,7 +66,21 @@ class Link:
     title: str = ""
 
 
-Cell = str | Link
+@dataclass(frozen=True)
+class Abbreviation:
+    """A text in a cell that is short for another one.
+
+    Attributes
+    ----------
+    text, title : str
+        The short text, and the full one, which a browser shows beside the pointer.
+    """
+
+    text: str
+    title: str
+
+
+Cell = str | Link | Abbreviation
 """Content of a cell of a table."""
 
 
@@ -288,13 +302,15 @@ def table(
 
 def _text_of(cell: Cell) -> str:
     """Return the text of a cell."""
-    return cell.text if isinstance(cell, Link) else cell
+    return cell if isinstance(cell, str) else cell.text
 
 
 def _cell_html(cell: Cell) -> str:
     """Return the HTML of the content of a cell."""
     if isinstance(cell, str):
         return escape(cell)
+    if isinstance(cell, Abbreviation):
+        return f'<abbr title="{escape(cell.title)}">{escape(cell.text)}</abbr>'
     title = f' title="{escape(cell.title)}"' if cell.title else ""
     return f'<a href="{escape(cell.target)}"{title}>{escape(cell.text)}</a>'
 

@@ -11,8 +11,11 @@ import pandas as pd
 
 from stiction.comparisons.bench.presentation.cells import MISSING, is_missing
 from stiction.comparisons.bench.quantities import quantity_of
+from stiction.comparisons.regression.night_changes import short_commit
 from stiction.engines.status import Status
 from stiction.reports.page.document import (
+    Abbreviation,
+    Cell,
     Link,
     View,
     chart,
@@ -22,7 +25,14 @@ from stiction.reports.page.document import (
     table,
 )
 from stiction.reports.page.night_charts import CHART_HELP, CHART_LEGEND, night_views
-from stiction.reports.page.nights import HAS_FAILED, Nights, read_nights
+from stiction.reports.page.nights import (
+    HAS_FAILED,
+    IS_REFUSED,
+    VERDICTS,
+    Nights,
+    read_nights,
+    status_in_words,
+)
 from stiction.scenes.atomic_files import write_text
 
 MAX_FAILURES = 200
@@ -61,6 +71,9 @@ def history_sections(nights: Nights, file: Path) -> dict[str, list[str]]:
     failures = _failures(nights.rows)
     if failures:
         sections["What failed"] = failures
+    refused = nights.rows[nights.rows[IS_REFUSED]]
+    if not refused.empty:
+        sections["Not applicable"] = [not_applicable_table(refused)]
     return sections
 
 
@@ -77,7 +90,7 @@ def _newest_night(nights: Nights, file: Path) -> list[str]:
         verdict = nights.table["verdict"].iloc[-1]
         changes = nights.changes[night]
         lines = (
-            f"**{'not finished' if is_missing(verdict) else verdict}**",
+            f"**{'not finished' if is_missing(verdict) else VERDICTS.get(verdict, verdict)}**",
             f"Environment: since the night before: {changes or 'there is none'}",
         )
     blocks = [markdown(night), markdown("\n".join(f"- {line}" for line in lines))]
@@ -124,23 +137,37 @@ def _with_worst_first(
 
 def _table_of_nights(nights: Nights, file: Path) -> str:
     """Return the HTML of the table of nights, the latest first, with links to their reports."""
-    failed = nights.rows.drop_duplicates(["night", "key"]).groupby("night")[HAS_FAILED]
+    runs = nights.rows.drop_duplicates(["night", "key"]).groupby("night")
+    failed = runs[HAS_FAILED].sum()
+    refused = runs[IS_REFUSED].sum()
     table_rows = nights.table.fillna(MISSING).iloc[::-1].copy()
     names = list(table_rows["night"])
+    table_rows["verdict"] = table_rows["verdict"].replace(VERDICTS)
     table_rows["worst finding"] = [nights.folders[night].worst_in_words for night in names]
     table_rows["changed since the night before"] = [nights.changes[night] for night in names]
-    counts = {"runs": failed.size(), "whole": failed.size() - failed.sum()}
+    counts = {
+        "runs": runs.size(),
+        "complete": runs.size() - failed - refused,
+        "not applicable": refused,
+        "failed": failed,
+    }
     for column, count in counts.items():
         table_rows[column] = table_rows["night"].map(count).fillna(0).astype(int).map(str)
-    rows: list[list[str | Link]] = []
-    for name, *cells in table_rows.itertuples(index=False):
+    rows: list[list[Cell]] = []
+    for record in table_rows.to_dict("records"):
+        name, commit = str(record["night"]), str(record["commit_hash"])
         report = nights.folders[name].report
-        first = name if report is None else Link(name, _relative_link(report, file))
-        rows.append([first, *cells])
+        cells: dict[str, Cell] = {str(column): str(value) for column, value in record.items()}
+        if report is not None:
+            cells["night"] = Link(name, _relative_link(report, file))
+        if commit != MISSING:
+            cells["commit_hash"] = Abbreviation(short_commit(commit), commit)
+        rows.append(list(cells.values()))
     return table(
-        "The nights, the latest first, each with a link to its report; whole: runs that succeeded and reached "
-        "their end.",
-        list(table_rows),
+        "The nights, the latest first, each with a link to its report. Complete: runs that reached their end; not "
+        "applicable: the engine or its adapter cannot represent the scene; failed: all others, among them those of "
+        "engines that are not installed.",
+        ["commit" if column == "commit_hash" else column for column in table_rows],
         rows,
         [column in counts for column in table_rows],
     )
@@ -164,8 +191,14 @@ def _failures(rows: pd.DataFrame) -> list[str]:
         return blocks
     # A run that fails for the same reason in several nights has one row, with its latest night.
     table_rows = [
-        (part["night"].max(), str(part["night"].nunique()), *names)
-        for names, part in failed.groupby(["key", "status", "reason"], sort=False)
+        (
+            part["night"].max(),
+            str(part["night"].nunique()),
+            key,
+            status_in_words(status, reason),
+            reason,
+        )
+        for (key, status, reason), part in failed.groupby(["key", "status", "reason"], sort=False)
     ]
     table_rows.sort(key=lambda row: row[0], reverse=True)
     shown_rows = table_rows[:MAX_FAILURES]
@@ -176,3 +209,27 @@ def _failures(rows: pd.DataFrame) -> list[str]:
     heads = ["night", "nights", "key", "status", "reason"]
     blocks.append(table(caption, heads, shown_rows, [False, True, False, False, False]))
     return blocks
+
+
+def not_applicable_table(refused: pd.DataFrame) -> str:
+    """Return the HTML of the table of runs that were refused, one row for each reason.
+
+    `refused` has rows of the history; a run that was refused in several nights is counted once.
+    """
+    runs = refused.drop_duplicates("key")
+    rows = [
+        [
+            str(reason),
+            "; ".join(dict.fromkeys(part["variant"])),
+            "; ".join(dict.fromkeys(part["scene"])),
+            str(len(part)),
+        ]
+        for reason, part in runs.groupby("reason", sort=False)
+    ]
+    caption = (
+        "Runs that the engine or its adapter refuses, because it cannot represent the scene. "
+        "They are no failures."
+    )
+    return table(
+        caption, ("reason", "methods", "scenes", "runs"), rows, (False, False, False, True)
+    )

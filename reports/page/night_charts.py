@@ -9,6 +9,7 @@ from dataclasses import dataclass
 import numpy as np
 import pandas as pd
 
+from stiction.comparisons.bench.planned_runs import TRUTH
 from stiction.comparisons.bench.presentation.cells import MISSING, setting_of
 from stiction.comparisons.bench.quantities import quantity_of
 from stiction.reports.page.document import View
@@ -17,15 +18,33 @@ from stiction.scenes.pictures.picture import CYCLE
 from stiction.scenes.pictures.web import LONG, Columns
 
 COLORS = ("ink", *CYCLE[1:])
-"""Colours of variants, which are used again if there are more; the page defines ``ink`` for light and dark mode."""
-DASHES = ((), (6, 3), (2, 3), (8, 3, 2, 3), (14, 4), (14, 4, 2, 4))
-"""Dashes of the step sizes or tolerances of a variant, px; used again if there are more."""
+"""Colours of variants, which are used again, with other dashes, if there are more.
+
+The page defines ``ink`` for light and dark mode.
+"""
+DASHES = (
+    (),
+    (6, 3),
+    (2, 3),
+    (8, 3, 2, 3),
+    (14, 4),
+    (14, 4, 2, 4),
+    (3, 6),
+    (8, 3, 2, 3, 2, 3),
+    (14, 4, 6, 4),
+    (1, 6),
+    (20, 4, 2, 4, 2, 4),
+    (20, 8),
+)
+"""Dashes of lines, px; used again if there are more. Methods of equal colour have different dashes for each step."""
+DEFAULT_METRIC = "position_error"
+"""Metric that a chart shows at first, if it has it."""
 CHART_HELP = "Drag to zoom, double-click to reset; with the keyboard +, - and 0."
 """How to use the chart."""
 CHART_LEGEND = (
-    "One line per variant and step size or tolerance; a red ring is a regression. Errors, drift and "
-    "times are drawn in logarithms where all are > 0; a gap is a night in which the run failed. "
-    "Times of different machines are different lines."
+    "One line per variant and step size or tolerance; a variant has the same colour in all charts of a page. "
+    "A red ring is a regression. Errors, drift and times are drawn in logarithms where all are > 0; a gap is a "
+    "night in which the run failed. Times of different machines are different lines."
 )
 """How to read the chart, in Markdown."""
 CHART_COLUMNS = (
@@ -53,16 +72,59 @@ CONSTANT_MARGIN = 0.5
 def night_views(nights: Nights, rows: pd.DataFrame) -> list[View]:
     """Return a view for each metric and scene of some rows of a history, with the labels (metric, scene).
 
+    Those of `DEFAULT_METRIC` are the first.
     Rows without a number are not drawn.
     """
     names = nights.names
     commits = nights.table.set_index("night")["commit_hash"].reindex(names).fillna(MISSING)
     notes = [f"commit {commit}" for commit in commits]
     measured = rows.loc[rows["value"].notna(), list(CHART_COLUMNS)]
-    return [
-        _view(str(metric), str(scene), part, names, notes, nights.folders)
+    looks = _Looks.of(measured)
+    views = {
+        (str(metric), str(scene)): _view(
+            str(metric), str(scene), part, names, notes, nights.folders, looks
+        )
         for (metric, scene), part in measured.groupby(["metric", "scene"], sort=False)
-    ]
+    }
+    # Numbers of truths alone, such as the position at the end, come last, because they do not change.
+    of_methods = set(measured.loc[measured["variant"] != TRUTH, "metric"])
+    order = sorted(
+        views, key=lambda place: (place[0] != DEFAULT_METRIC, place[0] not in of_methods)
+    )
+    return [views[place] for place in order]
+
+
+@dataclass(frozen=True)
+class _Looks:
+    """Colours and dashes of lines, which are the same in all charts of a page.
+
+    Attributes
+    ----------
+    numbers : mapping
+        Number of each variant, from 0.
+    most_steps : int
+        Largest number of steps or tolerances of a variant on a scene.
+    """
+
+    numbers: Mapping[str, int]
+    most_steps: int
+
+    @classmethod
+    def of(cls, rows: pd.DataFrame) -> _Looks:
+        """Return the looks of the variants in rows of a history."""
+        variants = dict.fromkeys(map(str, rows["variant"]))
+        steps = rows.groupby(["variant", "scene"], sort=False)["step"].nunique()
+        most_steps = max(1, int(steps.max())) if len(steps) else 1
+        return cls({variant: number for number, variant in enumerate(variants)}, most_steps)
+
+    def color(self, variant: str) -> str:
+        """Return the colour of a variant."""
+        return COLORS[self.numbers[variant] % len(COLORS)]
+
+    def dash(self, variant: str, step_number: int) -> tuple[int, ...]:
+        """Return the dashes of a step of a variant; other variants of the same colour have other dashes."""
+        variants_before = self.numbers[variant] // len(COLORS)
+        return DASHES[(variants_before * self.most_steps + step_number) % len(DASHES)]
 
 
 def short_names(nights: Sequence[str]) -> list[str]:
@@ -90,6 +152,7 @@ def _view(
     nights: list[str],
     notes: list[str],
     folders: Mapping[str, NightFolder],
+    looks: _Looks,
 ) -> View:
     """Return the view of a metric on a scene, with one line for each run of a variant.
 
@@ -101,6 +164,8 @@ def _view(
         Names of the nights, and a note about each.
     folders : mapping
         Content of the folder of each night.
+    looks : _Looks
+        Colours and dashes of the lines.
     """
     head = quantity_of(metric).head
     columns = Columns()
@@ -120,16 +185,16 @@ def _view(
             values = np.log10(values)
         ends += [np.nanmin(values), np.nanmax(values)]
         name = line.variant
-        if line.variant != "truth":
+        if line.variant != TRUTH:
             name += f" ({setting_of(first_row['parameter'], first_row['step'])})"
         if names_machine:
             name += f", {first_row['machine']}"
         series.append(
             {
                 "name": name,
-                "color": COLORS[line.variant_number % len(COLORS)],
+                "color": looks.color(line.variant),
                 "about": line.key,
-                "dash": DASHES[line.step_number % len(DASHES)],
+                "dash": looks.dash(line.variant, line.step_number),
                 "marker": True,
                 "shown": True,
                 "flags": _nights_with_regression(metric, line.key, nights, folders),
@@ -178,15 +243,14 @@ class _HistoryLine:
     ----------
     variant, key : str
         The variant and the key of the run.
-    variant_number, step_number : int
-        Numbers of the variant in the chart and of the step size in the variant, from 0.
+    step_number : int
+        Number of the step size in the variant, from 0.
     rows : DataFrame
         The values, a row for each night.
     """
 
     variant: str
     key: str
-    variant_number: int
     step_number: int
     rows: pd.DataFrame
 
@@ -194,11 +258,11 @@ class _HistoryLine:
 def _lines(rows: pd.DataFrame, is_time: bool) -> Iterator[_HistoryLine]:
     """Yield the lines of a chart. Times that were measured on different machines are different lines."""
     keys: list[Hashable] = ["key", "machine"] if is_time else ["key"]
-    for variant_number, (variant, variant_rows) in enumerate(rows.groupby("variant", sort=False)):
+    for variant, variant_rows in rows.groupby("variant", sort=False):
         steps = list(dict.fromkeys(variant_rows["step"]))
         for (key, *_), line_rows in variant_rows.groupby(keys, sort=False):
             step_number = steps.index(line_rows["step"].iloc[0])
-            yield _HistoryLine(str(variant), key, variant_number, step_number, line_rows)
+            yield _HistoryLine(str(variant), key, step_number, line_rows)
 
 
 def _nights_with_regression(

@@ -16,12 +16,21 @@ from stiction.comparisons.regression.check import BETTER, COULD_NOT_RUN, REGRESS
 from stiction.comparisons.regression.history import NO_DRAW, History, open_history
 from stiction.comparisons.regression.night_changes import environment_changes
 from stiction.engines.status import Status
-from stiction.reports.markdown.regression_report import REPORT, SUMMARY
+from stiction.reports.markdown.regression_report import REPORT, SUMMARY, VERDICT_TITLES
 
 SHOWN_SEVERITIES = (REGRESSION, COULD_NOT_RUN, BETTER)
 """Severities of the findings for which the page of a history selects a chart at first."""
 HAS_FAILED = "has_failed"
-"""Column that this module adds to the rows of the history: whether the run failed or ended early."""
+"""Column that this module adds to the rows of the history: whether the run failed or ended early.
+
+Runs that were refused (`IS_REFUSED`) are no failures.
+"""
+
+
+IS_REFUSED = "is_refused"
+"""Column that this module adds: whether the engine or its adapter cannot represent the scene of the run."""
+VERDICTS = {COULD_NOT_RUN: VERDICT_TITLES[COULD_NOT_RUN]}
+"""Words for stored verdicts in texts, where the stored ones would not be understood."""
 
 
 @dataclass(frozen=True)
@@ -61,7 +70,8 @@ class Nights:
         A row for each night, the oldest first, with the columns ``night, campaign, machine, commit_hash,
         finished, verdict``.
     rows : DataFrame
-        The rows of the history (`stiction.comparisons.regression.history`), with the column `HAS_FAILED`.
+        The rows of the history (`stiction.comparisons.regression.history`), with the columns `HAS_FAILED` and
+        `IS_REFUSED`.
     origins : mapping
         By night, the `environment.origin` of its numbers.
     changes : mapping
@@ -100,9 +110,22 @@ def read_nights(history: Path) -> Nights:
         names = list(table["night"])
         origins = {night: opened.origin(night) for night in names}
         changes = _changes(opened, names)
-    rows[HAS_FAILED] = (rows["status"] != Status.OK) | (rows["reason"] != "")
+    rows[IS_REFUSED] = rows["status"] == Status.REFUSED
+    rows[HAS_FAILED] = ((rows["status"] != Status.OK) | (rows["reason"] != "")) & ~rows[IS_REFUSED]
     folders = {night: _read_folder(history.parent / folder_name(night)) for night in names}
     return Nights(table, rows, origins, changes, folders)
+
+
+def status_in_words(status: str, reason: str) -> str:
+    """Return the word for the status of a run.
+
+    It is ``not applicable`` for a run that was refused, and ``incomplete`` for one that ended early.
+    """
+    if status == Status.REFUSED:
+        return "not applicable"
+    if status == Status.OK and reason:
+        return Status.INCOMPLETE.label
+    return Status(status).label
 
 
 def folder_name(night: str) -> str:

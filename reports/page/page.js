@@ -83,6 +83,11 @@ const showAll = (kind, show) => [...document.querySelectorAll(kind)].map(element
 Promise.all([...showAll(".board", board => new Board(board).show()), ...showAll("img[data-svg]", showPicture)])
   .then(() => { document.body.dataset.ready = "yes"; });
 
+const widths = new ResizeObserver(entries => {  // says where columns are hidden; boxes in closed details have no width until they are opened
+  for (const {target} of entries) target.classList.toggle("wide", target.scrollWidth > target.clientWidth + 1);
+});
+document.querySelectorAll(".table").forEach(box => widths.observe(box));
+
 function reveal() {  // a link may lead into sections that are closed
   const target = document.getElementById(decodeURIComponent(location.hash.slice(1)));
   let opened = false;

@@ -2,11 +2,14 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Iterator
+from collections.abc import Iterable, Iterator, Mapping
 from html import escape
 from pathlib import Path
 
+import pandas as pd
+
 from stiction.comparisons.bench.presentation import TableView
+from stiction.comparisons.bench.presentation.cells import AGAIN
 from stiction.reports.page.document import (
     Cell,
     Link,
@@ -36,6 +39,10 @@ TIME_SERIES_HELP = (
 """How to use the chart of the time series."""
 
 
+MAX_COMMANDS = 5
+"""Largest number of commands that are listed for a key; a row may summarize many runs."""
+
+
 def write_run_page(run: StoredRun, file: Path) -> None:
     """Write the page of a run; the same run gives the same bytes.
 
@@ -54,8 +61,13 @@ def run_line(run: StoredRun) -> str:
     return f"stiction {run.origin['versions']['stiction']}, run of {run.origin['date']}"
 
 
-def run_sections(run: StoredRun, report: Report) -> Iterator[tuple[str, list[str]]]:
-    """Yield the heading of each section of the page, and its blocks of HTML."""
+def run_sections(
+    run: StoredRun, report: Report, files_note: str = ""
+) -> Iterator[tuple[str, list[str]]]:
+    """Yield the heading of each section of the page, and its blocks of HTML.
+
+    `files_note` is that of `origin_paragraphs`.
+    """
     yield "Answer", list(answer_blocks(report))
     views = list(time_series(report.results))
     if views:
@@ -64,7 +76,9 @@ def run_sections(run: StoredRun, report: Report) -> Iterator[tuple[str, list[str
     for study, section in report.sections.items():
         content = "\n".join(section_blocks(run, section))
         yield study.question, [details(section.answer or study.question, content)]
-    origins = details("Every key of the tables", "".join(origin_paragraphs(run, report.tables)))
+    origins = details(
+        "Every key of the tables", "".join(origin_paragraphs(run, report.tables, files_note))
+    )
     yield "Where numbers come from", [origins]
     rows = list(provenance_rows(run))
     yield "Provenance", [table("Provenance of the run.", ("what", "value"), rows, (False, False))]
@@ -146,19 +160,69 @@ def key_anchor(key: str) -> str:
     return f"key-{anchor_of(key)}"
 
 
-def origin_paragraphs(run: StoredRun, tables: Iterable[TableView]) -> Iterator[str]:
-    """Yield a paragraph for each key of the tables: the rows of the data, and the files or runs."""
+def origin_paragraphs(
+    run: StoredRun, tables: Iterable[TableView], files_note: str = ""
+) -> Iterator[str]:
+    """Yield a paragraph for each key of the tables: rows of the data, versions, files or runs, and how to repeat them.
+
+    Parameters
+    ----------
+    run : StoredRun
+        The run that contains the data.
+    tables : iterable of TableView
+        The tables.
+    files_note : str
+        Where the files of trajectories and truths are found, in parentheses after their names.
+    """
     sources = {key: source for view in tables for key, source in sources_of(run, view)}
+    commands = _commands_by_run(run)
     for key, source in sources.items():
-        origin = escape("; ".join(_origins(source)))
-        yield f'<p id="{key_anchor(key)}"><strong>{escape(key)}</strong>: {origin}</p>\n'
+        origin = escape("; ".join(_origins(run, source, files_note)))
+        repeat = _repeat(source, commands, run.origin.get("command", ""))
+        yield f'<p id="{key_anchor(key)}"><strong>{escape(key)}</strong>: {origin}{repeat}</p>\n'
 
 
-def _origins(source: Source) -> list[str]:
-    """Return the rows of a source and its files, or its runs if no trajectory is stored."""
-    if source.files or "key" not in source.rows:
-        return [source.place, *source.files]
-    return [source.place, *dict.fromkeys(source.rows["key"].dropna())]
+def _origins(run: StoredRun, source: Source, files_note: str) -> list[str]:
+    """Return the rows of a source, its engines, and its files, or its runs if no trajectory is stored."""
+    origins = [source.place]
+    if "engine" in source.rows:
+        engines = dict.fromkeys(source.rows["engine"].dropna())
+        versions = run.origin["engines"]
+        origins += [f"engine {name} {versions.get(name, 'of unknown version')}" for name in engines]
+    if source.files:
+        files = ", ".join(source.files)
+        origins.append(f"{files} ({files_note})" if files_note else files)
+    elif "key" in source.rows:
+        origins += dict.fromkeys(source.rows["key"].dropna())
+    return origins
+
+
+def _commands_by_run(run: StoredRun) -> dict[str, str]:
+    """Return the command that repeats a run, by the key of the run; only runs that have a command are included."""
+    runs = run.tables.get("runs", pd.DataFrame())
+    if not {"key", AGAIN} <= set(runs.columns):
+        return {}
+    known = runs[runs[AGAIN].notna()]
+    return dict(zip(known["key"], known[AGAIN], strict=True))
+
+
+def _repeat(source: Source, commands: Mapping[str, str], campaign: str) -> str:
+    """Return the HTML of the commands that repeat the runs of a source.
+
+    Searches, such as that of a stick limit, and runs of earlier versions have no commands of their own; then it is
+    the command of the whole campaign. The text is empty if that is not known either.
+    """
+    repeated: list[str] = []
+    if AGAIN in source.rows:
+        repeated += list(source.rows[AGAIN].dropna())
+    elif "key" in source.rows:
+        repeated += [commands[key] for key in source.rows["key"].dropna() if key in commands]
+    shown = list(dict.fromkeys(repeated))
+    if not shown:
+        return f". Repeat all runs with <code>{escape(campaign)}</code>" if campaign else ""
+    lines = "; ".join(f"<code>{escape(command)}</code>" for command in shown[:MAX_COMMANDS])
+    more = f"; and {len(shown) - MAX_COMMANDS} more" if len(shown) > MAX_COMMANDS else ""
+    return f". Repeat with {lines}{more}"
 
 
 def provenance_rows(run: StoredRun) -> Iterator[tuple[str, str]]:

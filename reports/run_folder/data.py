@@ -124,15 +124,15 @@ def data_tables(results: Results, stored: Container[str]) -> dict[str, pd.DataFr
     """Return `tables_of` a run, with the origin of each row.
 
     A column contains the file of the trajectory if the key of the run is in `stored`, and another one
-    the command that repeats the run if it is not. Rows that summarize several runs which are not kept,
-    such as a threshold, have neither.
+    the command that repeats the run. Rows that summarize several runs which are not kept, such as a
+    threshold, have neither.
     """
     records = (*results.records, *results.timed)
     files = trajectory_files(records, stored)
     commands = {
         record.key: rerun_command(record, results)
         for record in records
-        if record.trajectory is not None and record.key not in files
+        if record.trajectory is not None
     }
     keys = {record.key for record in records}
     tables = tables_of(results)

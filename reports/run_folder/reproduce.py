@@ -21,6 +21,7 @@ from stiction.comparisons.bench.variants import (
     run_command,
     run_key,
 )
+from stiction.engines.registry import UnknownEngine
 from stiction.scenes import Scene, load_scene
 from stiction.scenes.wording import as_given
 from stiction.truths.physics import physics_of
@@ -49,8 +50,8 @@ With Python {python}, in the sources of stiction {stiction} {commit}, where RUN 
 - `scenes/` has the scenes that were simulated, each complete in its file; with later versions, too,
   `stiction run RUN/reproduce/scenes/NAME.toml` runs one. An engine without a static coefficient had mus = mu. Hard
   cases have changes to the catalogue's scenes, and scenes of their own: `comparisons/hard/` in the sources has them.
-- In the folder of `validate`, a row of a table in `data/` whose trajectory is not stored has the command for its run
-  alone, in `rerun_command`.
+- In the folder of `validate`, a row of a table in `data/` about a single run has the command for this run alone, in
+  `rerun_command`.
 - The machine: {machine}.
 
 With these packages on a processor of this kind, motions, events and counters are the same as here. Another processor
@@ -161,7 +162,7 @@ def campaign_command(results: Results) -> str:
 
 
 def rerun_command(record: Record, results: Results) -> str | None:
-    """Return the command that repeats a run, or None if its scene is not known.
+    """Return the command that repeats a run, or None if its scene or its engine is not known here.
 
     A scene that is not in the catalogue is given by its file in the run folder, in which the command
     is to be executed.
@@ -180,7 +181,12 @@ def rerun_command(record: Record, results: Results) -> str | None:
             ["stiction", "compare", "effects", place, "--engines", record.variant.engine]
         )
     # An engine without static friction was given a scene whose static values are the kinetic ones.
-    scene = physics_of(declared, has_static_coefficient(record.variant))
+    try:
+        has_static = has_static_coefficient(record.variant)
+    except UnknownEngine:
+        # The engine came from a package that is no longer installed, so that no command could find it.
+        return None
+    scene = physics_of(declared, has_static)
     options = []
     for name, value in job(scene, record.variant, record.step).arguments.items():
         if name in OPTIONS:

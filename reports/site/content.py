@@ -25,6 +25,9 @@ from stiction.reports.run_folder.stored_run import StoredRun
 from stiction.reports.text import Section
 from stiction.scenes import InputError
 
+FILES_NOTE = "not part of the download, the commands make them again"
+"""Where the trajectories and truths of a run are found, which a site does not contain."""
+
 
 @dataclass(frozen=True, eq=False)
 class SiteRun:

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+from collections import Counter
 from collections.abc import Iterator, Sequence
 from html import escape
 from itertools import pairwise
@@ -18,9 +19,9 @@ from stiction.comparisons.regression.night_changes import short_commit
 from stiction.engines import Engine, EngineMissing, engine_names, load_engine
 from stiction.engines.joint_effects import JointEffect
 from stiction.engines.protocol import Supplier
-from stiction.engines.status import Status
-from stiction.reports.page.document import Cell, Link, details, link, markdown, table
-from stiction.reports.page.nights import HAS_FAILED
+from stiction.reports.page.document import Abbreviation, Cell, Link, details, link, markdown, table
+from stiction.reports.page.history_page import not_applicable_table
+from stiction.reports.page.nights import HAS_FAILED, IS_REFUSED, status_in_words
 from stiction.reports.page.run_page import row_anchor
 from stiction.reports.run_folder.trace import keys
 from stiction.reports.site.content import SiteContent, SiteRun, question_path, versions_in_words
@@ -69,7 +70,10 @@ def _sections(
         yield "Settings", [texts["settings"], _settings(content, runs)]
     failed = runs[runs[HAS_FAILED]]
     if not failed.empty:
-        yield "Refused, failed and incomplete runs", [_failed_runs(content, failed)]
+        yield "Failed and incomplete runs", [_failed_runs(content, failed)]
+    refused = runs[runs[IS_REFUSED]]
+    if not refused.empty:
+        yield "Not applicable", [not_applicable_table(refused)]
 
 
 def _supplies(content: SiteContent, engine: str, path: str, not_loaded: str) -> list[str]:
@@ -153,14 +157,18 @@ def _versions(content: SiteContent, engine: str) -> str:
     """Return the HTML of the table of nights with the version and the runs of an engine, the latest first."""
     all_rows = content.nights.rows
     runs = all_rows[all_rows["engine"] == engine].drop_duplicates(["night", "key"])
-    rows: list[list[str]] = []
+    rows: list[list[Cell]] = []
     for night, part in runs.groupby("night", sort=True):
-        counts = part["status"].value_counts(sort=False)
-        statuses = ", ".join(f"{count} {Status(status).label}" for status, count in counts.items())
+        counts = Counter(
+            status_in_words(status, reason)
+            for status, reason in zip(part["status"], part["reason"], strict=True)
+        )
+        statuses = ", ".join(f"{count} {status}" for status, count in counts.items())
         number = "first night"
         if night in content.value_changes:
             number = str(len(_changes_of(content, engine, str(night))))
-        commit = short_commit(content.nights.origins[str(night)].get("commit"))
+        full_commit = content.nights.origins[str(night)].get("commit")
+        commit = Abbreviation(short_commit(full_commit), full_commit or "unknown")
         rows.append([str(night), versions_in_words(part), commit, statuses, number])
     rows.reverse()
     heads = (
@@ -316,5 +324,5 @@ def _failed_runs(content: SiteContent, failed: pd.DataFrame) -> str:
         for end, part in failed.groupby("end", sort=False)
     ]
     heads = ("end of the run", "scenes", "runs", "key of the first")
-    caption = f"Runs that were refused, failed or ended early in the night of {time_in_words(content.newest)}."
+    caption = f"Runs that failed or ended early in the night of {time_in_words(content.newest)}."
     return table(caption, heads, rows, [False, False, True, False])

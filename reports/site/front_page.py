@@ -7,11 +7,10 @@ from html import escape
 
 from stiction.comparisons.bench.presentation.cells import MISSING
 from stiction.comparisons.bench.study import Study
-from stiction.engines.status import Status
-from stiction.reports.page.document import Cell, Link, markdown, table
-from stiction.reports.page.nights import HAS_FAILED
-from stiction.reports.page.run_page import row_anchor
-from stiction.reports.page_one import INTERRUPTED, headline_table, page_one, title_of
+from stiction.reports.page.document import Cell, Link, anchor_of, markdown, table
+from stiction.reports.page.nights import HAS_FAILED, IS_REFUSED
+from stiction.reports.page.run_page import figure_html, row_anchor
+from stiction.reports.page_one import ABOUT_METHOD, INTERRUPTED, headline_table, page_one, title_of
 from stiction.reports.run_folder.trace import keys
 from stiction.reports.site.content import SiteContent, SiteRun, question_path, versions_in_words
 from stiction.reports.site.layout import (
@@ -23,12 +22,16 @@ from stiction.reports.site.layout import (
     run_origin,
     time_in_words,
 )
-from stiction.reports.text import Section, render_blocks, template
+from stiction.reports.text import Section, items, render_blocks, template
 
 TEMPLATE = "site/front.md"
 """Path of the text in ``templates``."""
-TITLE = "stiction: which solver gets dry friction right?"
+TITLE = "stiction: how solvers treat dry friction in sliding joints"
 """Heading of the front page."""
+MECHANISM_PICTURE = "mechanism-"
+"""Beginning of the names of pictures of mechanisms."""
+TERM_OF_COLUMN = {"friction law / events by": "adapter"}
+"""Term of the glossary to which the heading of a column of the table of methods leads."""
 
 
 def front_page(content: SiteContent) -> str:
@@ -41,13 +44,16 @@ def front_page(content: SiteContent) -> str:
 
 def _sections(content: SiteContent) -> Iterator[tuple[str, list[str]]]:
     """Yield the heading of each section of the page, and its blocks of HTML."""
-    texts = {name: markdown(text) for name, text in render_blocks(template(TEMPLATE), {}).items()}
-    yield "What this is", [texts["what"]]
+    blocks = render_blocks(template(TEMPLATE), {})
+    texts = {name: markdown(text) for name, text in blocks.items()}
     run = content.newest_run
+    yield "What this is", [texts["what"]]
+    yield "Dry friction in a sliding joint", [*_picture(run), texts["friction"]]
     if run is None:
         yield "The answer", [texts["no_run"]]
     else:
         yield "The answer", list(_answer(content, run))
+    yield "Glossary", [_glossary(items(blocks["glossary"]))]
     yield "Questions", [texts["questions"], _questions(content)]
     yield "Engines", [texts["engines"], _engines(content)]
     if content.submissions:
@@ -59,6 +65,31 @@ def _sections(content: SiteContent) -> Iterator[tuple[str, list[str]]]:
             for download in content.downloads
         ]
         yield "Download", [bullet_list(links)]
+
+
+def _picture(run: SiteRun | None) -> Iterator[str]:
+    """Yield the HTML of the first picture of a mechanism in a run, if there is one."""
+    figures = [] if run is None else run.report.figures
+    for figure in figures:
+        if run is not None and figure.name.startswith(MECHANISM_PICTURE):
+            yield figure_html(run.stored, figure.name, figure.caption)
+            return
+
+
+def _term_anchor(term: str) -> str:
+    """Return the identifier of a term of the glossary."""
+    return f"term-{anchor_of(term)}"
+
+
+def _glossary(entries: Sequence[str]) -> str:
+    """Return the HTML of the glossary; an entry is a term and its explanation, separated by a colon."""
+    lines = []
+    for entry in entries:
+        term, _, explanation = entry.partition(": ")
+        lines.append(
+            f'<dt id="{_term_anchor(term)}">{escape(term)}</dt>\n<dd>{escape(explanation)}</dd>'
+        )
+    return "<dl>\n" + "\n".join(lines) + "\n</dl>"
 
 
 def _answer(content: SiteContent, run: SiteRun) -> Iterator[str]:
@@ -85,22 +116,29 @@ def _table_of_methods(content: SiteContent, run: SiteRun) -> str:
     studies = [study for study, section in run.report.sections.items() for _ in section.headlines]
     keys_of = {study: _keys_of_methods(run, run.report.sections[study]) for study in studies}
     heads: list[Cell] = [headlines.heads[0]]
-    for study, head in zip(studies, headlines.heads[1:], strict=True):
+    for head in ABOUT_METHOD:
+        term = TERM_OF_COLUMN.get(head)
+        heads.append(head if term is None else Link(head, f"#{_term_anchor(term)}"))
+    for study, head in zip(studies, headlines.headline_heads, strict=True):
         heads.append(Link(head, question_path(study), study.question))
     engine_of = {
         record.variant.label: record.variant.engine for record in run.report.results.records
     }
     rows: list[list[Cell]] = []
     for group, methods in headlines.groups.items():
-        rows.append([group])
+        # The groups are explained at the fidelity, whose name is part of theirs.
+        fidelity = "contact" if "contact" in group else "joint"
+        rows.append([Link(group, f"#{_term_anchor(fidelity)}")])
         for method, cells in methods.items():
             row: list[Cell] = [_method_link(content, run, method, engine_of.get(method, ""))]
-            for study, text in zip(studies, cells, strict=True):
+            row += [text or MISSING for text in cells[: len(ABOUT_METHOD)]]
+            for study, text in zip(studies, cells[len(ABOUT_METHOD) :], strict=True):
                 row.append(_number_link(run, study, text, keys_of[study].get(method, [])))
             rows.append(row)
+    depth = run.report.results.settings.get("depth")
     caption = (
-        f"All methods; compare them only within a group. {run_origin(run)}. Each number leads to the row "
-        "that it comes from."
+        f"All methods; compare them only within a group. {run_origin(run)}"
+        f"{f', depth {depth}' if depth else ''}. Each number leads to the row that it comes from."
     )
     return table(caption, heads, rows, headlines.right)
 
@@ -162,8 +200,9 @@ def _engines(content: SiteContent) -> str:
     runs = content.newest_rows.drop_duplicates("key")
     for engine, path in content.engine_pages.items():
         part = runs[runs["engine"] == engine]
-        whole = int((~part[HAS_FAILED]).sum())
-        refused = int((part["status"] == Status.REFUSED).sum())
+        refused = int(part[IS_REFUSED].sum())
+        failed = int(part[HAS_FAILED].sum())
+        whole = len(part) - refused - failed
         rows.append(
             [
                 Link(engine, path),
@@ -171,12 +210,13 @@ def _engines(content: SiteContent) -> str:
                 str(len(part)),
                 str(whole),
                 str(refused),
-                str(len(part) - whole - refused),
+                str(failed),
             ]
         )
-    heads = ("engine", "version", "runs", "complete", "refused", "failed or ended early")
+    heads = ("engine", "version", "runs", "complete", "not applicable", "failed or ended early")
     return table(
-        f"Engines and their runs in the night of {time_in_words(content.newest)}.",
+        f"Engines and their runs in the night of {time_in_words(content.newest)}. Not applicable: the engine or its "
+        "adapter cannot represent the scene; their pages list the reasons.",
         heads,
         rows,
         [False, False, True, True, True, True],

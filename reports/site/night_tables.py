@@ -13,8 +13,8 @@ from stiction.comparisons.bench.quantities import quantity_of
 from stiction.comparisons.bench.results import scene_of_suite
 from stiction.comparisons.bench.study import NightlyNumbers, Study
 from stiction.comparisons.regression.night_changes import short_commit
-from stiction.engines.status import Status
 from stiction.reports.page.document import Cell, Link, table, unique_anchor
+from stiction.reports.page.nights import status_in_words
 from stiction.reports.site.content import SiteContent, night_rows, question_path
 from stiction.reports.site.layout import relative, time_in_words
 from stiction.scenes.fidelity import FIDELITY_LABELS, Fidelity
@@ -166,10 +166,8 @@ def engine_version(run: Mapping[str, Any]) -> str:
 
 def end_of_run(run: Mapping[str, Any]) -> str:
     """Return how a run ended: its status and, if it did not reach its end, the reason."""
-    status = Status(run["status"])
-    if status == Status.OK and run["reason"]:
-        status = Status.INCOMPLETE
-    return f"{status.label}: {run['reason']}" if run["reason"] else status.label
+    status = status_in_words(run["status"], run["reason"])
+    return f"{status}: {run['reason']}" if run["reason"] else status
 
 
 def scene_title(name: str) -> str:

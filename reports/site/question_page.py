@@ -11,7 +11,13 @@ from stiction.comparisons.bench.study import Study
 from stiction.reports.page.document import chart, details, markdown, table
 from stiction.reports.page.night_charts import CHART_HELP, CHART_LEGEND, night_views
 from stiction.reports.page.run_page import figure_html, origin_paragraphs, table_html
-from stiction.reports.site.content import SiteContent, SiteRun, night_rows, question_path
+from stiction.reports.site.content import (
+    FILES_NOTE,
+    SiteContent,
+    SiteRun,
+    night_rows,
+    question_path,
+)
 from stiction.reports.site.layout import page, run_origin, time_in_words
 from stiction.reports.site.night_tables import night_tables
 from stiction.reports.text import Section, render_blocks, template
@@ -52,7 +58,7 @@ def _sections(content: SiteContent, study: Study) -> Iterator[tuple[str, list[st
         if history:
             yield "Over the runs", [texts["runs"], *history]
     if run is not None and section is not None and section.tables:
-        keys = "".join(origin_paragraphs(run.stored, section.tables))
+        keys = "".join(origin_paragraphs(run.stored, section.tables, FILES_NOTE))
         summary = "Every key of the tables of the run"
         yield "Where the numbers come from", [texts["keys"], details(summary, keys)]
 

@@ -18,6 +18,7 @@ from stiction.reports.page_one import title_of
 from stiction.reports.run_folder.overwriting import run_folder, write_provenance
 from stiction.reports.run_folder.stored_run import StoredRun
 from stiction.reports.site.content import (
+    FILES_NOTE,
     Download,
     SiteContent,
     SubmissionContent,
@@ -43,6 +44,7 @@ RUN_FILES = (
     "provenance.json",
     "datapackage.json",
     "data/*.csv",
+    "data/*.parquet",
     "reproduce/**/*",
 )
 """Patterns of the files of a run that the site offers; trajectories and figures would take ten times the space."""
@@ -96,11 +98,14 @@ def write_site(
         )
     ]
     if dataset is not None:
-        label = f"{dataset.resolve().name}.zip"
-        downloads.append(Download(DATASET, label, "the benchmark set: scenes and their truths"))
+        description = "the benchmark set: scenes and their truths"
+        downloads.append(Download(DATASET, Path(DATASET).name, description))
     if runs:
-        description = "all tables of the run in full precision, its failures, and how to repeat it"
-        downloads.append(Download(RUN_DATA, "run.zip", description))
+        description = (
+            "all tables of the run in full precision, its failures, and how to repeat it; without "
+            "trajectories and truths"
+        )
+        downloads.append(Download(RUN_DATA, Path(RUN_DATA).name, description))
     content = read_content(history, runs, submissions, downloads, docs)
     with run_folder(folder, INDEX) as partial:
         _write_pages(content, partial)
@@ -144,7 +149,7 @@ def _write_pages(content: SiteContent, folder: Path) -> None:
     run = content.newest_run
     if run is not None:
         title = title_of(run.report.results)
-        sections = run_sections(run.stored, run.report)
+        sections = run_sections(run.stored, run.report, FILES_NOTE)
         pages[RUN] = page(content, RUN, title, run_line(run.stored), sections)
     for path, html in pages.items():
         file = folder / path

@@ -8,6 +8,7 @@ from types import SimpleNamespace
 import pytest
 
 from stiction.comparisons.bench.planned_runs import Metric, Row
+from stiction.comparisons.bench.quantities import quantity_of
 from stiction.comparisons.regression import history
 from stiction.comparisons.regression.check import (
     COULD_NOT_RUN,
@@ -182,6 +183,35 @@ class TestFiveLines:
             summary_lines(replace(result(NIGHTS[0]), findings=(new,)))[1] == "Worst finding: none"
         )
 
+    def test_a_run_with_a_wrong_result_is_not_said_to_have_failed_to_run(self):
+        wrong = Finding(
+            COULD_NOT_RUN, "status", "sled/pymunk/dt=0.01", "", None, "wrong", 1.0, "error 2 m"
+        )
+        written = replace(result(NIGHTS[0]), findings=(wrong,), verdict=COULD_NOT_RUN)
+        assert summary_lines(written)[1] == (
+            "Worst finding: no valid result, sled/pymunk/dt=0.01: wrong (it ran, but its result is not a motion "
+            "of the scene); error 2 m"
+        )
+        assert "could not run" not in night_report(written)
+
+    def test_refusals_are_grouped_by_reason_apart_from_failures(self):
+        rows = (
+            row("sled", "pymunk", "refused", "no play"),
+            row("block", "drake", "refused", "no play"),
+            row("sled", "drake", "ok", "stopped at t = 1 s"),
+        )
+        text = night_report(replace(result(NIGHTS[0]), rows=rows, findings=()))
+        failed, refused = (
+            text.partition(f"## {heading}")[2].partition("##")[0]
+            for heading in ("What failed", "Not applicable")
+        )
+        assert "incomplete" in failed and "stopped" in failed and "no play" not in failed
+        assert len([line for line in refused.splitlines() if "no play" in line]) == 1
+        assert (
+            "2 not applicable, 1 ended early"
+            in summary_lines(replace(result(NIGHTS[0]), rows=rows))[0]
+        )
+
 
 class TestChanges:
     def test_versions_machine_and_commit(self):
@@ -262,6 +292,42 @@ class TestPage:
             "Engines not available in some of the nights: drake (2 runs a night)." in page
             and page.count("drake") == 2
         )  # and in the lines of the night
+
+    def test_the_table_of_failures_has_no_status_ok_and_no_refusals(self, tmp_path):
+        rows = (
+            row("sled", "pymunk", "refused", "no play"),
+            row("sled", "drake", "ok", "stopped early"),
+            row("sled", "toy", "failed", "singular"),
+        )
+        with history.open_history(tmp_path / "history.sqlite") as opened:
+            night = opened.begin("c", "digest", origin("0.61.0", "a" * 40))
+            for one in rows:
+                opened.append(night, one)
+        write_history_page(tmp_path / "history.sqlite", tmp_path / "page.html")
+        page = (tmp_path / "page.html").read_text()
+        failed, refused = (
+            page.partition(f">{heading}</h2>")[2].partition("</section>")[0]
+            for heading in ("What failed", "Not applicable")
+        )
+        assert ">ok<" not in failed and ">incomplete<" in failed and ">failed<" in failed
+        assert "no play" in refused and "no play" not in failed and "singular" not in refused
+        assert f'<abbr title="{"a" * 40}">{"a" * 12}</abbr>' in page
+
+    def test_lines_of_a_chart_differ_and_the_position_error_is_shown_first(self, tmp_path):
+        engines = [f"engine {number}" for number in range(20)]
+        with history.open_history(tmp_path / "history.sqlite") as opened:
+            night = opened.begin("c", "digest", origin("0.61.0", "a" * 40))
+            for engine in engines:
+                for step in (0.01, 0.001):
+                    one = row("sled", engine)
+                    metrics = tuple(reversed(one.metrics))  # the position error is the second
+                    key = f"sled/{engine}/dt={step}"
+                    opened.append(night, replace(one, key=key, step=step, metrics=metrics))
+        write_history_page(tmp_path / "history.sqlite", tmp_path / "page.html")
+        [(labels, content), *_] = self.views((tmp_path / "page.html").read_text())
+        assert labels == [quantity_of(ERROR).head, "sled"]
+        looks = [(series["color"], tuple(series["dash"])) for series in content["series"]]
+        assert len(looks) == len(set(looks)) == 40
 
     def test_a_page_elsewhere_leads_there_too_and_a_history_alone_has_a_page(self, folder):
         (folder / "sub").mkdir()

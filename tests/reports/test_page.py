@@ -372,7 +372,7 @@ def test_history_draws_each_metric_s_course(history_page, open_page):
     assert (
         [line.split("\t")[0] for line in nights] == NIGHTS[::-1]
         and "regression" in nights[0]
-        and nights[1].endswith("4\t2")
+        and nights[1].endswith("4\t2\t0\t2")  # runs, complete, not applicable, failed
     )
 
 

@@ -13,8 +13,10 @@ from made_up_runs import record as made_up
 from report_material import hard_table, record, unsaved_figures
 
 from stiction.comparisons.bench.methods import methods
+from stiction.comparisons.bench.presentation.cells import setting_of
 from stiction.comparisons.bench.results import Results
 from stiction.comparisons.bench.variants import Variant
+from stiction.engines.registry import own_methods
 from stiction.reports import report_of, write_report
 from stiction.reports.markdown.tables import WIDTH as TABLE_WIDTH
 from stiction.reports.markdown.tables import fit_table
@@ -218,13 +220,45 @@ def test_runs_that_failed_in_other_studies_are_not_kept_from_the_page(full, repo
 
 
 def test_methods_stand_in_groups_that_may_be_compared(full, report):
+    """Solvers of this suite are apart from the engines of others."""
     table = headline_table(report)
-    assert (
-        list(table.groups) == ["joint, mus > mu", "contact, mus > mu"]
-        and table.heads[0] == "method"
-    )
-    assert [method for rows in table.groups.values() for method in rows] == methods(full)
+    own = [label for label in table.groups if label.startswith("solvers of this suite: ")]
+    engines = [label for label in table.groups if label not in own]
+    assert list(table.groups) == [*engines, *own] and own and engines
+    assert set(engines) <= {"joint, mus > mu", "contact, mus > mu"}
+    engine_of = {record.variant.label: record.variant.engine for record in full.records}
+    for label, rows in table.groups.items():
+        assert {engine_of[method] in own_methods() for method in rows} == {label in own}
+    shown = [method for rows in table.groups.values() for method in rows]
+    assert sorted(shown) == sorted(methods(full))
+    assert table.heads[0] == "method"
     assert all(len(row) == len(table.heads) for row in table.rows)
+
+
+def test_the_table_has_the_step_and_the_suppliers_of_each_method(full, report):
+    """They are those of the runs whose errors are shown, which may be far from 1 ms."""
+    accuracy = full.table("accuracy")
+    for rows in headline_table(report).groups.values():
+        for method, (setting, suppliers, *_) in rows.items():
+            runs = accuracy[accuracy["variant"] == method]
+            settings = {
+                setting_of(parameter, step)
+                for parameter, step in zip(runs["parameter"], runs["step"], strict=True)
+            }
+            assert setting in settings
+            friction, events = suppliers.split(" / ")
+            for supplier, column in ((friction, "friction_by"), (events, "events_by")):
+                assert supplier in ({*runs[column].dropna()} or {"not known"})
+    for depth in ("quick", "full"):
+        chosen = replace(full, settings={**full.settings, "depth": depth})
+        assert f'depth "{depth}"' in page_one(report_of(chosen)).how_to_read
+
+
+def test_our_own_solvers_are_not_recommended(report):
+    lines = page_one(report).recommendation
+    assert not [line for line in lines if "recommended" in line]
+    [own] = [line for line in lines if "of the reference" in line]
+    assert own.startswith("Among the solvers of this suite")
 
 
 def test_engines_that_are_not_installed_are_told_once_and_stand_in_no_table(full):

@@ -1,6 +1,8 @@
 """The site of results: all links resolve, numbers are those of the history, and it can be used in a browser by keyboard."""
 
+import html
 import json
+import re
 import sqlite3
 from html.parser import HTMLParser
 from pathlib import Path
@@ -289,6 +291,41 @@ def test_the_front_page_has_the_answer_and_its_numbers_lead_to_their_rows(
     )
 
 
+def test_a_key_has_the_version_of_the_engine_and_the_command_that_repeats_its_runs(
+    site, report_folder
+):
+    """The commands are those of the data; trajectories are not part of the download, and this is said."""
+    run = read_run(report_folder)
+    text = (site / "questions" / "accuracy.html").read_text()
+    paragraphs = re.findall(r'<p id="key-[^"]*"><strong>accuracy:\d+</strong>.*?</p>', text, re.S)
+    commands = set(run.tables["accuracy"]["rerun_command"].dropna())
+    repeated = 0
+    version = run.origin["engines"]["reference"]
+    assert any(f"engine reference {version}" in paragraph for paragraph in paragraphs)
+    for paragraph in paragraphs:
+        shown = re.findall("<code>(.*?)</code>", paragraph)
+        repeated += bool(shown)
+        # A method whose runs all failed has no command of its own.
+        campaign = {run.origin["command"]}
+        assert {html.unescape(command) for command in shown} <= commands | campaign
+        assert "trajectories/" not in paragraph or "not part of the download" in paragraph
+    assert commands and repeated == len(paragraphs)
+
+
+def test_downloads_are_named_as_their_links(pages):
+    page = pages["index.html"]
+    files = [link for link in page.links if link.startswith(("download/", "nights/history"))]
+    text = [Path(link).name for link in files]
+    assert sorted(text) == ["dataset.zip", "history.sqlite", "run.zip"]
+
+
+def test_terms_of_the_table_lead_to_the_glossary(pages):
+    page = pages["index.html"]
+    terms = {"mu", "mus", "joint", "contact", "adapter", "truth", "reference", "creep", "drift"}
+    assert {f"term-{term}" for term in terms | {"tier"}} <= set(page.ids)
+    assert {"#term-adapter", "#term-joint"} <= set(page.links)
+
+
 def test_several_runs_are_shown_side_by_side(nights, report_folder, tmp_path):
     run = read_run(report_folder)
     later = type(run)(run.folder, {**run.origin, "date": "2099-01-01T00:00:00+00:00"}, run.tables)
@@ -474,6 +511,20 @@ def test_a_narrow_screen_needs_no_scrolling_sideways(path, open_page):
     clipped = page.evaluate("""() => [...document.querySelectorAll("h1, h2, h3, p, li, summary, .controls, footer")]
         .filter(element => element.getBoundingClientRect().right > innerWidth + 1).length""")
     assert clipped == 0
+
+
+def test_a_table_that_is_wider_than_the_screen_says_so_and_keeps_its_heads(open_page):
+    """On a narrow screen only: a hint above the columns; the heads stay while the rows are scrolled."""
+    page = open_page("index.html", width=390, height=844)
+    box = page.locator(".table.wide").first
+    box.wait_for()
+    hint = box.evaluate("box => getComputedStyle(box, '::before').content")
+    assert "sideways" in hint
+    assert box.locator("thead th").first.evaluate("head => getComputedStyle(head).position") == (
+        "sticky"
+    )
+    navigation = page.locator("nav.site")
+    assert navigation.evaluate("nav => nav.scrollWidth <= nav.clientWidth")
 
 
 def focused(page) -> dict:

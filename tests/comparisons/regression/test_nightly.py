@@ -363,7 +363,7 @@ class TestWithoutABaseline:
     def test_the_second_night_is_held_to_the_first(self, folder):
         self.night(exit_code=NOT_COMPARED)
         second = self.night(exit_code=FINE)
-        words = "1 compared, 1 of them not with the baseline, which does not contain them, but with their first night"
+        words = "1 compared with earlier results, namely with the night"
         assert words in second.output, second.output
         for _ in range(2):  # a worse night is nothing to be held to
             worse = self.night("--engine", "damaged_solvers:Slippery", exit_code=REGRESSED)

@@ -172,6 +172,10 @@ def test_time_to_a_millimetre_is_the_total_one_in_the_first_case():
     assert [1e3 * float(one["time"]) for one in rows["joints"]] == pytest.approx([150, 200])
     assert [1e3 * float(one["time"]) for one in rows["contacts"]] == pytest.approx([300])
     assert rows["without"] == ["slow"]
+    # What is said of it is limited to the steps that were tried.
+    [one] = rows["off_target"]
+    assert (one["variant"], float(one["step"])) == ("slow", min(STEPS))
+    assert "with the steps that were tried" in words(section)
     assert times_to_target(section) == {
         "reference": "≤ 10",
         "paper's scheme": "100",

@@ -1057,7 +1057,7 @@ def test_a_run_further_off_than_the_mechanism_is_large_is_wrong_and_not_ranked(
     night = CliRunner().invoke(app, ["nightly", "night.toml"])
     assert (
         night.exit_code == 4
-        and "1 wrong" in night.output
+        and "1 with a wrong result" in night.output
         and "position error 4e+74 m" in night.output
     ), night.output
 

@@ -49,7 +49,7 @@ from stiction.engines.protocol import (
     Unsettled,
     check_version,
 )
-from stiction.engines.shared.contact_geometry import contact_refusal
+from stiction.engines.shared.contact_geometry import contact_refusal, static_coefficient_refusal
 from stiction.engines.shared.fixed_step import DEFAULT_SHARE, Defaults, settings_of, step_of
 from stiction.engines.shared.inconsistent_start import refuse_off
 from stiction.reference_impl.multibody.reactions import recover_columns
@@ -183,7 +183,7 @@ class ExudynEngine(Engine):
         if reason is None and fidelity == Fidelity.CONTACT:
             reason = contact_refusal(scene)
             if reason is None:
-                reason = _static_coefficient_refusal(scene)
+                reason = static_coefficient_refusal(scene, "Exudyn's contacts have")
         return reason
 
     def run(
@@ -290,17 +290,6 @@ def _size_refusal(scene: Scene) -> str | None:
             f"{unknowns} coordinates and multipliers; expected at most {MOST_UNKNOWNS}: the adapter looks for "
             "redundant constraints in a dense matrix"
         )
-    return None
-
-
-def _static_coefficient_refusal(scene: Scene) -> str | None:
-    """Return why contacts cannot have the coefficients of a guide, or None."""
-    for name, guide in scene.guides.items():
-        if guide.frictional and guide.static_coefficient != guide.mu:
-            return (
-                f"joints.{name}: Exudyn's contacts have one coefficient of friction; "
-                f"mus = {guide.static_coefficient:g} is not mu = {guide.mu:g}"
-            )
     return None
 
 

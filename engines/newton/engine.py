@@ -41,10 +41,10 @@ from stiction.engines.protocol import (
     required,
 )
 from stiction.engines.registry import EngineMissing
-from stiction.engines.shared.contact_geometry import contact_refusal
+from stiction.engines.shared.contact_geometry import contact_refusal, static_coefficient_refusal
 from stiction.engines.shared.fixed_step import DEFAULT_STEP, Defaults, SteppedEngine, Stepper
 from stiction.engines.shared.friction_bound import CAPPED
-from stiction.engines.shared.joint_coordinates import motor_link
+from stiction.engines.shared.joint_coordinates import motor_link, motor_refusal
 from stiction.engines.shared.link_tree import LinkTree
 from stiction.scenes import InputError, Scene, Trajectory, scene_from_dict
 from stiction.scenes.fidelity import Fidelity
@@ -174,25 +174,11 @@ class NewtonEngine(SteppedEngine):
             self.simulate(block, dt=DEFAULT_STEP, fidelity=fidelity, rounding=OFF)
 
     def refusal(self, scene: Scene, fidelity: Fidelity) -> str | None:
+        reason = None
         if fidelity == Fidelity.CONTACT:
-            if reason := contact_refusal(scene):
-                return reason
-            for name, guide in scene.frictional_guides.items():
-                if guide.static_coefficient != guide.kinetic_coefficient:
-                    return (
-                        f"joints.{name}: Newton's shapes have one coefficient of friction; mus = "
-                        f"{guide.static_coefficient:g} is not mu = {guide.kinetic_coefficient:g}"
-                    )
-        tree = LinkTree(scene, fidelity)
-        motors: dict[int, str] = {}
-        for name, drive in scene.drives.items():
-            try:
-                link, _ = motor_link(scene, tree, drive)
-            except Refused as reason:
-                return f"drives.{name}: the Newton adapter {reason}"
-            if (other := motors.setdefault(link, name)) != name:
-                return f"drives.{name}: drives the same joint as drives.{other}"
-        return None
+            reason = contact_refusal(scene)
+            reason = reason or static_coefficient_refusal(scene, "Newton's shapes have")
+        return reason or motor_refusal(scene, LinkTree(scene, fidelity), "Newton")
 
     @contextmanager
     def stepper(
@@ -218,18 +204,9 @@ class NewtonEngine(SteppedEngine):
         settings: Mapping[str, Any],
         assembly: Assembly | None = None,
     ) -> Trajectory:
+        # a solver with an unknown name is refused with the other settings
         kind = KINDS.get(settings["solver"])
-        neglected: list[str] = []
-        if kind is not None:
-            tree = LinkTree(scene, fidelity)
-            reason = refusal_of_drives(scene, tree, fidelity, kind)
-            reason = reason or refusal_of_loops(scene, tree, kind)
-            if reason:
-                raise Refused(reason)
-            if fidelity == Fidelity.JOINT and not kind.has_joint_friction:
-                neglected = friction_keys(scene)
-                if neglected and settings["ignored_friction"] == REFUSE:
-                    raise Refused(_reason_of_friction(neglected[0], kind))
+        neglected = [] if kind is None else _neglected(scene, fidelity, kind, settings)
 
         def simulate(further: Mapping[str, Any]) -> Trajectory:
             return super(NewtonEngine, self).run(
@@ -246,12 +223,14 @@ class NewtonEngine(SteppedEngine):
         if settings["solver"] == MUJOCO:
             _require_mujoco_warp()
         trajectory = simulate({})
+        # What the solver left out, and what single precision hides, are stated by the trajectory.
         completion: dict[str, Any] = {}
         if neglected:
             completion[NEGLECTED] = neglected
             completion["friction_law"] = "none: the solver has no friction of joints (engine)"
         if kind is not None and kind.rounds_positions:
             completion["accelerations"] = SINGLE
+        # The effect of rounding is measured by the same run with moved inputs.
         if settings["rounding"] == MEASURED:
             units = settings["moved_inputs"] + 1
             try:
@@ -260,6 +239,28 @@ class NewtonEngine(SteppedEngine):
                 moved = None
             completion[PRECISION] = effect_of_rounding(trajectory, moved)
         return replace(trajectory, settings={**trajectory.settings, **completion})
+
+
+def _neglected(
+    scene: Scene, fidelity: Fidelity, kind: SolverKind, settings: Mapping[str, Any]
+) -> list[str]:
+    """Return the keys of the friction that a solver ignores in a scene, if the settings allow it.
+
+    Raises
+    ------
+    Refused
+        If the solver cannot represent the scene.
+    """
+    tree = LinkTree(scene, fidelity)
+    reason = refusal_of_drives(scene, tree, fidelity, kind) or refusal_of_loops(scene, tree, kind)
+    if reason:
+        raise Refused(reason)
+    if fidelity != Fidelity.JOINT or kind.has_joint_friction:
+        return []
+    ignored = friction_keys(scene)
+    if ignored and settings["ignored_friction"] == REFUSE:
+        raise Refused(_reason_of_friction(ignored[0], kind))
+    return ignored
 
 
 def _require_mujoco_warp() -> None:

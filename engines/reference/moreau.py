@@ -10,6 +10,7 @@ from stiction.engines.assembly import Assembly, assembly_of
 from stiction.engines.joint_effects import ALL_EFFECTS, EFFECTS_OF_GAPS, JointEffect
 from stiction.engines.protocol import Capabilities, Engine, installed_version
 from stiction.engines.reference.engine import compile_kernels
+from stiction.engines.shared.contact_geometry import static_coefficient_refusal
 from stiction.engines.shared.fixed_step import settings_of, step_of, steps_between_outputs
 from stiction.scenes import InputError, Scene, Trajectory
 from stiction.scenes.fidelity import Fidelity
@@ -68,13 +69,7 @@ class MoreauEngine(Engine):
         return True
 
     def refusal(self, scene: Scene, fidelity: Fidelity) -> str | None:
-        for name, guide in scene.frictional_guides.items():
-            if guide.static_coefficient != guide.kinetic_coefficient:
-                return (
-                    f"joints.{name}: Moreau's impact law has one coefficient of friction; mus = "
-                    f"{guide.static_coefficient:g} is not mu = {guide.kinetic_coefficient:g}"
-                )
-        return None
+        return static_coefficient_refusal(scene, "Moreau's impact law has")
 
     def run(
         self,

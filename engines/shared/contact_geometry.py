@@ -29,6 +29,20 @@ def contact_refusal(scene: Scene) -> str | None:
     return None
 
 
+def static_coefficient_refusal(scene: Scene, law: str) -> str | None:
+    """Return why a law with one coefficient of friction cannot be that of all guides; None if it can.
+
+    `law` is the beginning of the sentence: ``"Exudyn's contacts have"``.
+    """
+    for name, guide in scene.frictional_guides.items():
+        if guide.static_coefficient != guide.kinetic_coefficient:
+            return (
+                f"joints.{name}: {law} one coefficient of friction; mus = "
+                f"{guide.static_coefficient:g} is not mu = {guide.kinetic_coefficient:g}"
+            )
+    return None
+
+
 def crowded(scene: Scene, most: int, called: str) -> str | None:
     """Return why an engine with one bit for each guide in its collision filters cannot separate the guides.
 

@@ -67,6 +67,23 @@ def motor_link(scene: Scene, tree: LinkTree, drive: Drive) -> tuple[int, int]:
     return driven
 
 
+def motor_refusal(scene: Scene, tree: LinkTree, called: str) -> str | None:
+    """Return why the drives of a scene cannot be motors of the links; None if they can.
+
+    Each drive needs a joint coordinate, and no two may have the same. The engine is `called` so in the refusal.
+    """
+    motors: dict[int, str] = {}
+    for name, drive in scene.drives.items():
+        try:
+            link, _ = motor_link(scene, tree, drive)
+        except Refused as reason:
+            return f"drives.{name}: the {called} adapter {reason}"
+        other = motors.setdefault(link, name)
+        if other != name:
+            return f"drives.{name}: drives the same joint as drives.{other}"
+    return None
+
+
 def _refuse_friction(scene: Scene, tree: LinkTree, link: int, kind: str) -> None:
     """Raise Refused for a motor of a link whose joint, a guide or a pin by its `kind`, has friction."""
     if tree.links[link].joint in scene.frictional_joints:

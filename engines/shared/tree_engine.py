@@ -23,7 +23,7 @@ from stiction.engines.shared.contact_geometry import contact_refusal
 from stiction.engines.shared.engine_clock import EngineClock
 from stiction.engines.shared.fixed_step import SteppedEngine
 from stiction.engines.shared.inconsistent_start import refuse_off
-from stiction.engines.shared.joint_coordinates import motor_link
+from stiction.engines.shared.joint_coordinates import motor_refusal
 from stiction.engines.shared.link_tree import LinkTree
 from stiction.scenes import InputError, Scene, Trajectory
 from stiction.scenes.fidelity import Fidelity
@@ -64,8 +64,8 @@ class TreeEngine(SteppedEngine):
         if fidelity == Fidelity.CONTACT and (reason := contact_refusal(scene)):
             return reason
         # A loop is closed by a constraint between two points, so a translational joint has to be in
-        # the tree. A drive needs a joint coordinate, and no two may have the same.
-        tree, motors = LinkTree(scene, fidelity), dict[int, str]()
+        # the tree.
+        tree = LinkTree(scene, fidelity)
         for name in tree.loops:
             joint = scene.joints[name]
             if isinstance(joint, Translational):
@@ -75,14 +75,7 @@ class TreeEngine(SteppedEngine):
                     f"joints.{name}: closes a loop and has friction; {self.called} has friction in coordinates of "
                     "joints, of which a joint that closes a loop has none"
                 )
-        for name, drive in scene.drives.items():
-            try:
-                link, _ = motor_link(scene, tree, drive)
-            except Refused as reason:
-                return f"drives.{name}: the {self.called} adapter {reason}"
-            if (other := motors.setdefault(link, name)) != name:
-                return f"drives.{name}: drives the same joint as drives.{other}"
-        return self.refusal_of_tree(scene, tree)
+        return motor_refusal(scene, tree, self.called) or self.refusal_of_tree(scene, tree)
 
     def refusal_of_tree(self, scene: Scene, tree: LinkTree) -> str | None:
         """Return why this engine cannot represent a tree of links that others can; None if it can."""

@@ -31,6 +31,7 @@ from stiction.scenes import catalogue, load_scene, new_scene_text
 from stiction.scenes.columns import COLUMNS
 from stiction.scenes.errors import ELEMENTS, LAWS, STABILIZATIONS
 from stiction.scenes.expressions import CONSTANTS, FUNCTIONS
+from stiction.scenes.fields import TAGS
 from stiction.scenes.model import Scene
 
 PART = re.compile(
@@ -99,7 +100,7 @@ def _keys(model: type[BaseModel]) -> str:
     ]
     # the key that names the class has a default in Python only
     first_key = next(iter(model.model_fields))
-    if first_key in ("type", "method"):
+    if first_key in TAGS:
         _, _, description = rows[0]
         rows[0] = (f"`{first_key}`", "required", description)
     return _table(("key", "default", "description"), rows)

@@ -7,13 +7,12 @@ from pathlib import Path
 import pandas as pd
 
 from stiction.comparisons.judge.benchmark import NAME
-from stiction.comparisons.judge.submission import JudgedSubmission
+from stiction.comparisons.judge.submission import JudgedSubmission, Submission
 from stiction.comparisons.judge.submission_presentation import presentation
 from stiction.reports.judgement_page import MAIN as JUDGEMENT
 from stiction.reports.judgement_page import write_judgement
 from stiction.reports.markdown.study_section import table_with_caption
-from stiction.reports.run_folder.data import to_storable, write_frame
-from stiction.reports.run_folder.data_package import columns_of_table
+from stiction.reports.run_folder.data import write_table
 from stiction.reports.run_folder.overwriting import run_folder, write_provenance
 from stiction.reports.text import Section, fill_template, template
 
@@ -28,6 +27,12 @@ def submission_section(judged: JudgedSubmission) -> Section:
     return fill_template(template("submission.md"), presentation(judged))
 
 
+def settings_in_words(submission: Submission) -> str:
+    """Return the settings of a submission in one line."""
+    settings = ", ".join(f"{name} = {value}" for name, value in submission.settings.items())
+    return settings or "none stated"
+
+
 def write_submission_judgement(judged: JudgedSubmission, folder: Path) -> Path:
     """Write the page, the tables (CSV, Parquet) and the judgements of the scenes, and return the path of the page.
 
@@ -40,10 +45,7 @@ def write_submission_judgement(judged: JudgedSubmission, folder: Path) -> Path:
         for name in JOINED_TABLES:
             tables[name] = _joined(judged, name)
         for name, frame in tables.items():
-            table = to_storable(frame)
-            table.to_csv(partial / "data" / f"{name}.csv", index=False)
-            quantities = columns_of_table(name, list(table))
-            write_frame(table, partial / "data" / f"{name}.parquet", quantities)
+            write_table(frame, partial / "data", name)
         for scene, judgement in judged.judgements.items():
             write_judgement(judgement, partial / "scenes" / scene)
         (partial / MAIN).write_text(_page(judged, section), encoding="utf-8")
@@ -67,12 +69,11 @@ def _joined(judged: JudgedSubmission, name: str) -> pd.DataFrame:
 def _page(judged: JudgedSubmission, section: Section) -> str:
     """Return the Markdown of the page: description, answer, findings, table, and links to the scenes."""
     submission = judged.submission
-    settings = ", ".join(f"{name} = {value}" for name, value in submission.settings.items())
     description = {
         "by": submission.who,
         "machine": submission.machine,
         "command": f"`{submission.command}`",
-        "settings": settings or "none stated",
+        "settings": settings_in_words(submission),
     }
     links = [f"- [{scene}](scenes/{scene}/{JUDGEMENT})" for scene in judged.judgements]
     parts = [

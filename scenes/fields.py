@@ -24,6 +24,8 @@ from stiction.scenes.expressions import evaluate
 
 GROUND = "ground"
 """Name of the fixed body."""
+TAGS = ("type", "method")
+"""Keys that name the class of a table: those of elements and laws, and that of the stabilization."""
 
 SHORTEST_DIRECTION = 1e-100
 """Lower limit of the length of a direction: its square must not underflow to 0."""
@@ -111,7 +113,7 @@ class Part(Model):
         return {
             key: getattr(self, key)
             for key in type(self).model_fields
-            if key in self.model_fields_set or key in ("type", "method")
+            if key in self.model_fields_set or key in TAGS
         }
 
 

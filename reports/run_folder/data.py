@@ -174,10 +174,7 @@ def write_data(results: Results, folder: Path, stored: Container[str]) -> None:
     (folder / "data" / "trajectories").mkdir(parents=True)
     (folder / "data" / "truths").mkdir()
     for name, table in data_tables(results, stored).items():
-        storable = to_storable(table)
-        storable.to_csv(folder / "data" / f"{name}.csv", index=False)
-        quantities = columns_of_table(name, list(storable))
-        write_frame(storable, folder / "data" / f"{name}.parquet", quantities)
+        write_table(table, folder / "data", name)
     if results.problems:
         write_problems(results.problems, folder / "data" / "hard-problems.parquet")
     run_events = _write_trajectories(results, folder, stored)
@@ -242,6 +239,13 @@ def thin(trajectory: Trajectory) -> Trajectory:
     rows = np.union1d(np.arange(0, samples, stride), last_row)
     columns = {name: values[rows] for name, values in trajectory.columns.items()}
     return replace(trajectory, t=trajectory.t[rows], columns=columns)
+
+
+def write_table(table: pd.DataFrame, folder: Path, name: str) -> None:
+    """Write a table to a folder as CSV and Parquet, with the descriptions of the columns of its name."""
+    storable = to_storable(table)
+    storable.to_csv(folder / f"{name}.csv", index=False)
+    write_frame(storable, folder / f"{name}.parquet", columns_of_table(name, list(storable)))
 
 
 def write_frame(

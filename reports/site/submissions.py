@@ -9,7 +9,7 @@ from stiction.comparisons.judge.submission import DESCRIPTION, is_submission, ju
 from stiction.reports.page.document import unique_anchor
 from stiction.reports.run_folder.provenance import commit_in_words
 from stiction.reports.site.content import SubmissionContent
-from stiction.reports.submission_page import submission_section
+from stiction.reports.submission_page import settings_in_words, submission_section
 from stiction.scenes import InputError
 
 
@@ -42,7 +42,6 @@ def judged_submission(folder: Path) -> SubmissionContent:
     """
     judged = judge_submission(folder)
     submission = judged.submission
-    settings = ", ".join(f"{name} = {value}" for name, value in submission.settings.items())
     about = {
         "benchmark": submission.benchmark,
         "by": submission.who,
@@ -50,7 +49,7 @@ def judged_submission(folder: Path) -> SubmissionContent:
         "fidelity": submission.fidelity,
         "machine": submission.machine,
         "command": submission.command,
-        "settings": settings or "none stated",
+        "settings": settings_in_words(submission),
         "judged with": f"stiction {versions()[SUITE]}, commit {commit_in_words({'commit': commit()})}",
     }
     return SubmissionContent(

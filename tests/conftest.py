@@ -270,3 +270,39 @@ def browser() -> Iterator:
         )  # where tests run as root
         yield opened
         opened.close()
+
+
+@pytest.fixture
+def watched_page(browser) -> Iterator:
+    """A function that opens a page without a network, and fails on complaints and on requests outside of `root`."""
+    contexts, complaints = [], []
+
+    def opened(url, root, scheme="light", width=1280, height=900):
+        context = browser.new_context(
+            offline=True, color_scheme=scheme, viewport={"width": width, "height": height}
+        )
+        contexts.append(context)
+        page = context.new_page()
+        page.on("pageerror", lambda error: complaints.append(str(error)))
+        page.on(
+            "console",
+            lambda message: (
+                complaints.append(message.text) if message.type in ("error", "warning") else None
+            ),
+        )
+        page.on(
+            "request",
+            lambda request: (
+                None
+                if request.url.startswith((root, "data:", "blob:"))
+                else complaints.append(f"asks for {request.url}")
+            ),
+        )
+        page.goto(url)
+        page.wait_for_selector("body[data-ready=yes]", timeout=600_000)
+        return page
+
+    yield opened
+    for context in contexts:
+        context.close()
+    assert complaints == []

@@ -91,39 +91,9 @@ def history_page(history_file):
 
 
 @pytest.fixture
-def open_page(browser):
-    """A function that opens a file without a network and fails on whatever the page complains of or asks the network for."""
-    contexts, complaints = [], []
-
-    def opened(file, scheme="light", width=1280, height=900):
-        context = browser.new_context(
-            offline=True, color_scheme=scheme, viewport={"width": width, "height": height}
-        )
-        contexts.append(context)
-        page = context.new_page()
-        page.on(
-            "console",
-            lambda message: (
-                complaints.append(message.text) if message.type in ("error", "warning") else None
-            ),
-        )
-        page.on("pageerror", lambda error: complaints.append(str(error)))
-        page.on(
-            "request",
-            lambda request: (
-                None
-                if request.url.startswith((file.as_uri(), "data:", "blob:"))
-                else complaints.append(f"asks for {request.url}")
-            ),
-        )
-        page.goto(file.as_uri())
-        page.wait_for_selector("body[data-ready=yes]", timeout=600_000)
-        return page
-
-    yield opened
-    for context in contexts:
-        context.close()
-    assert complaints == []
+def open_page(watched_page):
+    """A function that opens a file; see `watched_page`."""
+    return lambda file, **options: watched_page(file.as_uri(), file.as_uri(), **options)
 
 
 def until(found: Callable[[], object], expected: object) -> None:

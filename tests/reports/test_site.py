@@ -463,39 +463,9 @@ def test_bad_input_names_the_file_and_what_was_expected(nights, tmp_path):
 
 
 @pytest.fixture
-def open_page(browser, site):
-    """A function that opens a page of the site without a network, and fails on complaints and on requests elsewhere."""
-    contexts, complaints = [], []
-
-    def opened(path, scheme="light", width=1280, height=900):
-        context = browser.new_context(
-            offline=True, color_scheme=scheme, viewport={"width": width, "height": height}
-        )
-        contexts.append(context)
-        page = context.new_page()
-        page.on("pageerror", lambda error: complaints.append(str(error)))
-        page.on(
-            "console",
-            lambda message: (
-                complaints.append(message.text) if message.type in ("error", "warning") else None
-            ),
-        )
-        page.on(
-            "request",
-            lambda request: (
-                None
-                if request.url.startswith((site.as_uri(), "data:", "blob:"))
-                else complaints.append(f"asks for {request.url}")
-            ),
-        )
-        page.goto(f"{site.as_uri()}/{path}")
-        page.wait_for_selector("body[data-ready=yes]", timeout=600_000)
-        return page
-
-    yield opened
-    for context in contexts:
-        context.close()
-    assert complaints == []
+def open_page(watched_page, site):
+    """A function that opens a page of the site by its path in it; see `watched_page`."""
+    return lambda path, **options: watched_page(f"{site.as_uri()}/{path}", site.as_uri(), **options)
 
 
 PATHS = ("index.html", "questions/accuracy.html", "engines/toy.html", "nights/index.html")
@@ -572,7 +542,7 @@ def test_a_link_to_a_row_opens_the_part_that_contains_it(open_page, pages):
 
 def test_dark_and_light_follow_the_system(open_page):
     colors = {
-        scheme: open_page("index.html", scheme).evaluate(
+        scheme: open_page("index.html", scheme=scheme).evaluate(
             "getComputedStyle(document.body).backgroundColor"
         )
         for scheme in ("light", "dark")
